@@ -1,0 +1,1 @@
+"""Real-time haptic rendering for electroadhesion touch screens."""

@@ -1,0 +1,1 @@
+"""The `haptic` command line, one module per command group."""

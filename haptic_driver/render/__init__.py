@@ -1,0 +1,1 @@
+"""Pure render stages: (settings, state, input) -> (state, output)."""

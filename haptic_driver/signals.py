@@ -1,0 +1,69 @@
+"""What the stages hand to one another: finger -> target -> operating point -> safe point -> drive command.
+
+All SI floats with the unit in the name; `voltage_v` is always the peak amplitude at the electrode.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class FingerSample(NamedTuple):
+    """One raw reading of the finger: position on the screen and normal force, at a time."""
+
+    time_s: float
+    position_x_m: float
+    position_y_m: float
+    normal_force_n: float
+
+
+class FingerState(NamedTuple):
+    """The finger as the stages see it: contact decided, velocity estimated, position at output time."""
+
+    time_s: float
+    position_x_m: float
+    position_y_m: float
+    velocity_x_m_s: float
+    velocity_y_m_s: float
+    normal_force_n: float
+    in_contact: bool
+
+
+class TargetFriction(NamedTuple):
+    """The coefficient of friction that the texture asks for here; `active` is False where it asks for nothing."""
+
+    cof: float
+    active: bool
+
+
+class OperatingPoint(NamedTuple):
+    """What the controller wants: a sine of `frequency_hz` and peak `voltage_v`, and what it expects of it.
+
+    `cof` is the friction expected; `reachable` is False when the target lay outside
+    `cof_low`..`cof_high` and the nearest reachable friction was taken instead.
+    """
+
+    frequency_hz: float
+    voltage_v: float
+    cof: float
+    current_rms_a: float
+    stuck_current_rms_a: float
+    reachable: bool
+    cof_low: float
+    cof_high: float
+
+
+class SafeOperatingPoint(NamedTuple):
+    """An operating point that passed the last gate, or zero volts with the reason why it did not."""
+
+    frequency_hz: float
+    voltage_v: float
+    rejection: str | None
+
+
+class DriveCommand(NamedTuple):
+    """What the actuator shall put out; `output_on` False means zero volts, carrier off."""
+
+    frequency_hz: float
+    voltage_v: float
+    output_on: bool

@@ -1,0 +1,1 @@
+"""Texture files -> textures that the render stage can evaluate."""

@@ -1,0 +1,1 @@
+"""One byte-level contract for every way to reach an instrument."""
