@@ -1,0 +1,39 @@
+"""Compiled kernels: `kernel` is numba's njit with the options that every kernel of the model uses.
+
+numba's own cache notices a change in the file of a kernel, not in the kernels and constants that it uses from other
+files. So the cache lives in a folder named by the hash of all sources of this package: whatever is edited, no stale
+machine code runs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+
+from model.cache import cache_dir
+
+F = TypeVar("F", bound=Callable[..., object])
+
+
+def _sources_hash() -> str:
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+_FOLDER = str(cache_dir() / "kernels" / _sources_hash())
+
+
+def kernel(function: F) -> F:
+    """Compile `function` at its first call; the machine code is cached on disk, the GIL is released."""
+    config: Any = numba.config
+    before, config.CACHE_DIR = config.CACHE_DIR, _FOLDER
+    try:
+        return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    finally:
+        config.CACHE_DIR = before

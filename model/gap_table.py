@@ -1,0 +1,158 @@
+"""The two gap integrals of electroadhesion, tabulated once for every finger of one roughness shape.
+
+With z = b/a (a complex length that holds insulator, skin and leakage) the electrical side needs only
+
+    K(p, z) = int P(u; p) / |u + z|^2 du      (pressure)
+    L(p, z) = int P(u; p) / (u + z) du        (current)
+
+and roughness only scales them: K = K^(p/(Y* q0 h_rms), z/h_rms) / h_rms^2 and L likewise with 1/h_rms. The table
+holds log K^, log |L^| and arg L^ over (log p^, log |z^|, arg z^ in 0..90 degrees); one exists per
+(H, q1/q0, gamma) and is kept on disk under the hash of these numbers and of its grid.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from math import pi
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.cache import cache_dir
+from model.compiled import kernel
+from model.contact import gap_distribution
+from model.roughness import Array, SelfAffineShape
+
+FORMAT = 1  # of the cached file and of the quadrature behind it: raise it when either changes
+LOG_P_AXIS = (np.log(1e-6), np.log(10.0), 85)
+LOG_Z_AXIS = (np.log(1e-7), np.log(1e3), 121)
+ANGLE_AXIS = (0.0, pi / 2.0, 15)
+LOG_U_AXIS = (np.log(1e-13), np.log(60.0), 0.1)  # gaps, in units of h_rms
+MAGNIFICATION_STEP = 0.2  # against 0.05: 3e-8 in every integral
+
+
+@dataclass(frozen=True)
+class GapTable:
+    """`values` [n_p, n_z, n_angle, 3]: log K^, log |L^|, arg L^ (rad) on the axes of this module."""
+
+    shape: SelfAffineShape
+    values: Array
+
+    @property
+    def content_hash(self) -> str:
+        """Identifies the numbers in the table, for provenance."""
+        return _key(self.shape)
+
+
+@lru_cache(maxsize=8)
+def gap_table(shape: SelfAffineShape, folder: Path | None = None) -> GapTable:
+    """The table for `shape`: from the cache when it is there, else built (under a second) and cached."""
+    path = (folder or cache_dir()) / f"gap-table-{_key(shape)}.npy"
+    values = _read(path)
+    if values is None:
+        values = build_values(shape)
+        _write(path, values)
+    return GapTable(shape, values)
+
+
+def build_values(shape: SelfAffineShape) -> Array:
+    """Both integrals by quadrature at every node; [n_p, n_z, n_angle, 3]."""
+    z = np.exp(axis(LOG_Z_AXIS))[:, None] * np.exp(1j * axis(ANGLE_AXIS))
+    values = np.empty((LOG_P_AXIS[2], *z.shape, 3))
+    for i, log_p in enumerate(axis(LOG_P_AXIS)):
+        k_hat, l_hat = gap_integrals(shape, float(np.exp(log_p)), z)
+        values[i] = np.stack([np.log(k_hat), np.log(np.abs(l_hat)), np.angle(l_hat)], axis=-1)
+    return values
+
+
+def gap_integrals(
+    shape: SelfAffineShape, p_hat: float, z_hat: NDArray[np.complex128], magnification_step: float = MAGNIFICATION_STEP
+) -> tuple[Array, NDArray[np.complex128]]:
+    """K^ and L^ of one pressure at the complex lengths `z_hat` (any shape), by direct quadrature.
+
+    Trapezoid rule in log u: the integrand is analytic in a strip of half-width pi/2 around the axis.
+    """
+    u = np.exp(np.arange(*LOG_U_AXIS))
+    mass = gap_distribution(shape, p_hat, magnification_step).density(u) * u * LOG_U_AXIS[2]
+    x, y = z_hat.real.ravel(), z_hat.imag.ravel()
+    inverse_square = 1.0 / ((u + x[:, None]) ** 2 + (y * y)[:, None])
+    k_hat = inverse_square @ mass
+    l_hat = inverse_square @ (mass * u) + z_hat.conj().ravel() * k_hat  # 1/(u+z) = (u + conj z)/|u+z|^2
+    return k_hat.reshape(z_hat.shape), l_hat.reshape(z_hat.shape)
+
+
+def axis(spec: tuple[float, float, int]) -> Array:
+    """The nodes of one uniform axis."""
+    return np.linspace(*spec)
+
+
+@kernel
+def lookup(values: Array, p_hat: float, z_hat: complex, out: Array) -> bool:
+    """K^, |L^| and arg L^ at one point into `out` [3]; False (and the nearest edge) outside the table's pressures.
+
+    Local cubic interpolation on four nodes per axis: 3e-5 of the direct quadrature. Beyond the lengths of the table
+    its limits hold: K ~ 1/|z| below (P is constant there), K ~ 1/|z|^2 and L ~ 1/z above. K(conj z) = K(z),
+    L(conj z) = conj L(z).
+    """
+    log_z, angle = np.log(abs(z_hat)), np.angle(z_hat)
+    i, wp, inside = _stencil(np.log(p_hat), LOG_P_AXIS[0], LOG_P_AXIS[1], LOG_P_AXIS[2])
+    j, wz, _ = _stencil(log_z, LOG_Z_AXIS[0], LOG_Z_AXIS[1], LOG_Z_AXIS[2])
+    k, wa, _ = _stencil(abs(angle), ANGLE_AXIS[0], ANGLE_AXIS[1], ANGLE_AXIS[2])
+    s0 = s1 = s2 = 0.0
+    for a in range(4):
+        for b in range(4):
+            wab = wp[a] * wz[b]
+            for c in range(4):
+                w = wab * wa[c]
+                s0 += w * values[i + a, j + b, k + c, 0]
+                s1 += w * values[i + a, j + b, k + c, 1]
+                s2 += w * values[i + a, j + b, k + c, 2]
+    below, above = max(LOG_Z_AXIS[0] - log_z, 0.0), max(log_z - LOG_Z_AXIS[1], 0.0)
+    out[0] = np.exp(s0 + below - 2.0 * above)
+    out[1] = np.exp(s1 - above)
+    out[2] = s2 if angle >= 0.0 else -s2
+    return inside
+
+
+@kernel
+def _stencil(x: float, low: float, high: float, count: int) -> tuple[int, tuple[float, float, float, float], bool]:
+    """First node, four Lagrange weights, and whether `x` lies on the axis (to rounding)."""
+    inside = low - 1e-9 <= x <= high + 1e-9
+    position = (min(max(x, low), high) - low) / (high - low) * (count - 1)
+    first = min(max(int(position) - 1, 0), count - 4)
+    t = position - first
+    t1, t2, t3 = t - 1.0, t - 2.0, t - 3.0
+    weights = (-t1 * t2 * t3 / 6.0, t * t2 * t3 / 2.0, -t * t1 * t3 / 2.0, t * t1 * t2 / 6.0)
+    return first, weights, inside
+
+
+def _key(shape: SelfAffineShape) -> str:
+    grid = [FORMAT, LOG_P_AXIS, LOG_Z_AXIS, ANGLE_AXIS, LOG_U_AXIS, MAGNIFICATION_STEP]
+    text = json.dumps([asdict(shape), grid], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _read(path: Path) -> Array | None:
+    try:
+        values: Array = np.load(path, allow_pickle=False)
+    except (OSError, ValueError):
+        return None  # absent or damaged: it is only a cache
+    expected = (LOG_P_AXIS[2], LOG_Z_AXIS[2], ANGLE_AXIS[2], 3)
+    return values if values.shape == expected and bool(np.isfinite(values).all()) else None
+
+
+def _write(path: Path, values: Array) -> None:
+    """Atomically, so that two processes may build at once; a cache that cannot be written is done without."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".npy", delete=False) as part:
+            np.save(part, values)
+        os.replace(part.name, path)
+    except OSError:
+        return
