@@ -1,0 +1,68 @@
+"""What every command shares: one JSON object or text on stdout, errors on stderr, progress only on a terminal."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from haptic_driver.errors import HapticError
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+ModelOption = Annotated[str, typer.Option("--model", help="Model: a name in configs/models or a path.")]
+RigOption = Annotated[str, typer.Option("--rig", help="Rig: a name in configs/rigs or a path.")]
+
+stdout = Console(highlight=False, soft_wrap=True)
+stderr = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def report(as_json: bool, payload: dict[str, Any], show: Callable[[], None]) -> None:
+    """Print `payload` as strict JSON (NaN becomes null), or call `show` for a person."""
+    if as_json:
+        sys.stdout.write(json.dumps(_finite(payload), allow_nan=False) + "\n")
+    else:
+        show()
+
+
+def report_error(error: HapticError, as_json: bool) -> None:
+    """What was wrong, where, and what to do: on stderr, and with `--json` on stdout too."""
+    stderr.print(f"[bold red]error:[/] {_escaped(error.message)}")
+    if error.hint:
+        stderr.print(f"[bold]hint:[/] {_escaped(error.hint)}")
+    if as_json:
+        content = {"code": error.code, "message": error.message, "hint": error.hint}
+        sys.stdout.write(json.dumps({"error": content}) + "\n")
+
+
+@contextmanager
+def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """A function to call with the number of steps done; draws on stderr, and only on a terminal."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    every = max(total // 200, 1)
+    with Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal) as bar:
+        task = bar.add_task(what, total=total)
+
+        def advance(done: int) -> None:
+            if done % every == 0:
+                bar.update(task, completed=done)
+
+        yield advance
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _escaped(text: str) -> str:
+    return text.replace("[", "\\[")

@@ -1,0 +1,123 @@
+"""`haptic solve`: the operating point for a target friction."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
+from haptic_driver.config import load_model, load_rig
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.render.controller import INITIAL, POLICIES, Controller, ControllerSettings, Policy
+from haptic_driver.render.safety import violation
+from haptic_driver.signals import FingerState, TargetFriction
+from haptic_driver.surface_builder import build_surface
+from haptic_driver.surface_file import SurfaceFile, read_surface, ready_for_lookup
+from model import friction as friction_law
+from model.errors import nearest
+
+
+def solve(
+    friction: Annotated[float, typer.Option("--friction", help="Target coefficient of friction.")],
+    normal_force: Annotated[float, typer.Option("--normal-force", help="Normal force of the finger, N.")] = 0.5,
+    frequency: Annotated[str, typer.Option("--frequency", help="'auto' or a frequency in Hz.")] = "auto",
+    policy: Annotated[str | None, typer.Option("--policy", help=f"One of {', '.join(POLICIES)}.")] = None,
+    model: ModelOption = "reference",
+    surface: Annotated[Path | None, typer.Option("--surface", help="Surface file instead of a model.")] = None,
+    rig: RigOption = "simulated",
+    as_json: Json = False,
+) -> None:
+    """Find the frequency and voltage that give a target friction within the rig's limits.
+
+    Example: `haptic solve --friction 0.60 --normal-force 0.5 --policy min_voltage`
+    """
+    config = load_rig(rig)
+    limits = config.operating_limits()
+    fixed_hz = _frequency(frequency)
+    chosen = _policy(policy, fixed_hz, config.controller.policy)
+    file = read_surface(surface) if surface is not None else build_surface(load_model(model), limits)
+    _check(friction, "friction", 1e-3, 10.0, "")
+    low_n, high_n = float(file.normal_force_n[0]), float(file.normal_force_n[-1])
+    _check(normal_force, "normal force", low_n, high_n, " N")
+    settings = ControllerSettings(
+        ready_for_lookup(file, limits),
+        policy=chosen,
+        fixed_frequency_hz=fixed_hz if fixed_hz is not None else config.controller.fixed_frequency_hz,
+        lowest_carrier_hz=config.controller.lowest_carrier_hz,
+        hysteresis=config.controller.hysteresis,
+    )
+    controller = Controller(settings)
+    reachable = controller.reachable(normal_force)
+    finger = FingerState(0.0, 0.0, 0.0, 0.0, 0.0, normal_force, True)
+    _, point = controller.step(INITIAL, TargetFriction(friction, True), finger)
+    if not point.reachable:
+        raise BadInputError(
+            "unreachable",
+            f"friction {friction:g} cannot be reached at {normal_force:g} N by policy {chosen}",
+            f"Reachable: {reachable[0]:.4g} to {reachable[1]:.4g}",
+        )
+    refused = violation(limits, point)
+    if refused is not None:
+        raise HapticError("refused", f"the safety gate refuses the point found: {refused}", "Check the rig's limits")
+    payload = {
+        "frequency_hz": point.frequency_hz,
+        "voltage_v": point.voltage_v,
+        "cof": point.cof,
+        "electrostatic_force_n": _electrostatic_force_n(file, point.cof, normal_force),
+        "current_rms_a": point.current_rms_a,
+        "policy": chosen,
+        "reachable_cof": list(reachable),
+    }
+
+    def show() -> None:
+        stdout.print(f"{point.frequency_hz:.4g} Hz, {point.voltage_v:.4g} V peak at the electrode ({chosen})")
+        stdout.print(
+            f"  friction {point.cof:.4g} under {normal_force:g} N, electrostatic force "
+            f"{payload['electrostatic_force_n']:.3g} N, finger current {point.current_rms_a:.3g} A rms"
+        )
+        stdout.print(f"  reachable here: {reachable[0]:.4g} to {reachable[1]:.4g}")
+
+    report(as_json, payload, show)
+
+
+def _frequency(text: str) -> float | None:
+    if text == "auto":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value) or value <= 0.0:
+        raise BadInputError("bad_frequency", f"--frequency {text} is no frequency", "Give 'auto' or a number in Hz")
+    return value
+
+
+def _policy(name: str | None, fixed_hz: float | None, default: Policy) -> Policy:
+    if name is None:
+        return default if fixed_hz is None else "fixed_frequency"
+    for policy in POLICIES:
+        if policy == name:
+            if fixed_hz is not None and policy != "fixed_frequency":
+                raise BadInputError(
+                    "bad_policy", f"policy {policy} chooses the frequency itself", "Leave --frequency auto"
+                )
+            return policy
+    raise BadInputError("bad_policy", f"there is no policy '{name}'", nearest(name, list(POLICIES)))
+
+
+def _check(value: float, what: str, low: float, high: float, unit: str) -> None:
+    if not low <= value <= high:
+        raise BadInputError(
+            "out_of_range", f"{what} {value:g}{unit} is out of range", f"Give {low:g} to {high:g}{unit}"
+        )
+
+
+def _electrostatic_force_n(file: SurfaceFile, cof: float, normal_force_n: float) -> float:
+    model = file.provenance["model"]
+    cof_off = float(model["parameters"]["cof_off"]["value"])
+    force = friction_law.electrostatic_force_n(model["friction_law"], cof_off, np.array(cof), np.array(normal_force_n))
+    return float(force)

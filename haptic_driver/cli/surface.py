@@ -1,0 +1,111 @@
+"""`haptic surface`: build, describe and draw lookup surfaces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
+from haptic_driver.config import load_model, load_rig
+from haptic_driver.surface_builder import SurfaceAxes, build_surface
+from haptic_driver.surface_file import SurfaceFile, read_surface
+
+app = typer.Typer(no_args_is_help=True, help="Build, describe and draw the lookup surface.")
+AXES = SurfaceAxes()
+
+
+@app.command()
+def build(
+    model: ModelOption = "reference",
+    out: Annotated[Path, typer.Option("--out", help="HDF5 file to write.")] = Path("surface.h5"),
+    rig: RigOption = "simulated",
+    frequency_count: Annotated[int, typer.Option(help="Points along frequency.")] = AXES.frequency_count,
+    voltage_count: Annotated[int, typer.Option(help="Points along voltage.")] = AXES.voltage_count,
+    force_count: Annotated[int, typer.Option(help="Points along normal force.")] = AXES.normal_force_count,
+    voltage_high_v: Annotated[float, typer.Option(help="Highest voltage, V peak.")] = AXES.voltage_high_v,
+    as_json: Json = False,
+) -> None:
+    """Solve the model over frequency, voltage and normal force and write the surface.
+
+    Example: `haptic surface build --model reference --out surface.h5`
+    """
+    axes = SurfaceAxes(
+        frequency_count=frequency_count,
+        voltage_count=voltage_count,
+        normal_force_count=force_count,
+        voltage_high_v=voltage_high_v,
+    )
+    surface = build_surface(load_model(model), load_rig(rig).operating_limits(), axes)
+    surface.write(out)
+    payload = {"out": str(out), **describe(surface)}
+    report(as_json, payload, lambda: stdout.print(f"{out}: {_summary(surface)}"))
+
+
+@app.command()
+def info(
+    file: Annotated[Path, typer.Argument(help="Surface file.")] = Path("surface.h5"), as_json: Json = False
+) -> None:
+    """Say what a surface file holds and where it comes from; checks its content hash.
+
+    Example: `haptic surface info surface.h5`
+    """
+    surface = read_surface(file)
+    payload = {"file": str(file), **describe(surface)}
+
+    def show() -> None:
+        stdout.print(f"{file}: {_summary(surface)}")
+        for key, value in payload.items():
+            stdout.print(f"  {key}: {value}")
+
+    report(as_json, payload, show)
+
+
+@app.command()
+def plot(
+    file: Annotated[Path, typer.Argument(help="Surface file.")] = Path("surface.h5"),
+    out: Annotated[Path, typer.Option("--out", help="Picture to write (.png, .pdf or .svg).")] = Path("surface.png"),
+    normal_force: Annotated[float, typer.Option(help="Normal force of the drawn section, N.")] = 0.5,
+    as_json: Json = False,
+) -> None:
+    """Draw friction over frequency and voltage, with what the limits forbid.
+
+    Example: `haptic surface plot surface.h5 --out surface.png`
+    """
+    from haptic_driver.pictures import draw_surface  # noqa: PLC0415  (matplotlib is slow to import)
+
+    drawn_n = draw_surface(read_surface(file), normal_force, out)
+    report(as_json, {"picture": str(out), "normal_force_n": drawn_n}, lambda: stdout.print(f"picture: {out}"))
+
+
+def describe(surface: SurfaceFile) -> dict[str, Any]:
+    """What `surface info --json` says."""
+    axes = {
+        name: {"low": float(v[0]), "high": float(v[-1]), "count": int(v.size)}
+        for name, v in (
+            ("frequency_hz", surface.frequency_hz),
+            ("voltage_v", surface.voltage_v),
+            ("normal_force_n", surface.normal_force_n),
+        )
+    }
+    return {
+        "content_hash": surface.content_hash,
+        "axes": axes,
+        "cof": {"low": float(np.nanmin(surface.cof)), "high": float(np.nanmax(surface.cof))},
+        "share_pulled_in": float(surface.pulled_in.mean()),
+        "share_outside_theory": float((~surface.within_theory).mean()),
+        "share_outside_limits": float((~surface.within_limits).mean()),
+        **{key: value for key, value in surface.provenance.items() if key != "model"},
+        "model": surface.provenance["model"]["name"],
+        "friction_law": surface.provenance["model"]["friction_law"],
+        "dielectric": surface.provenance["model"]["dielectric"]["name"],
+    }
+
+
+def _summary(surface: SurfaceFile) -> str:
+    shape = " x ".join(map(str, surface.cof.shape))
+    model = surface.provenance["model"]["name"]
+    low, high = np.nanmin(surface.cof), np.nanmax(surface.cof)
+    return f"{shape} points of model '{model}', friction {low:.3f} to {high:.3f}, hash {surface.content_hash[:16]}"

@@ -1,0 +1,34 @@
+"""Safe operating point -> drive command: the voltage rises at a bounded rate and falls at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from haptic_driver.signals import DriveCommand, SafeOperatingPoint
+
+
+@dataclass(frozen=True)
+class DriveSettings:
+    """`voltage_rise_v_per_s`: how fast the amplitude may grow, so that touch-down is not felt as a click."""
+
+    voltage_rise_v_per_s: float = 10e3
+
+
+class DriveState(NamedTuple):
+    """The voltage last commanded and when."""
+
+    time_s: float
+    voltage_v: float
+
+
+INITIAL = DriveState(0.0, 0.0)
+
+
+def drive(
+    settings: DriveSettings, state: DriveState, point: SafeOperatingPoint, time_s: float
+) -> tuple[DriveState, DriveCommand]:
+    """The command for this instant; off for zero volts."""
+    elapsed_s = max(time_s - state.time_s, 0.0)
+    voltage_v = min(point.voltage_v, state.voltage_v + settings.voltage_rise_v_per_s * elapsed_s)
+    return DriveState(time_s, voltage_v), DriveCommand(point.frequency_hz, voltage_v, voltage_v > 0.0)

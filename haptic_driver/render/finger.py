@@ -1,0 +1,142 @@
+"""Finger stage: raw samples -> contact, velocity, and the position when the output acts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.signals import FingerSample, FingerState
+
+# Samples closer together than this share of the time constant count as one: their difference is noise, not speed.
+SHORTEST_INTERVAL = 0.01
+
+
+@dataclass(frozen=True)
+class FingerSettings:
+    """Contact begins at `contact_on_n` and ends below `contact_off_n` of normal force.
+
+    `velocity_time_constant_s` smooths the velocity; `output_latency_s` is the time from a sample until the output
+    computed from it acts on the finger.
+    """
+
+    contact_on_n: float = 0.08
+    contact_off_n: float = 0.05
+    velocity_time_constant_s: float = 0.010
+    output_latency_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse settings that have no meaning."""
+        if not 0.0 < self.contact_off_n <= self.contact_on_n < math.inf:
+            raise BadInputError(
+                "bad_finger_settings",
+                f"contact_off_n {self.contact_off_n} and contact_on_n {self.contact_on_n} are no hysteresis",
+                "choose 0 < contact_off_n <= contact_on_n",
+            )
+        if not 0.0 < self.velocity_time_constant_s < math.inf:
+            raise BadInputError(
+                "bad_finger_settings",
+                f"velocity_time_constant_s {self.velocity_time_constant_s} is not a positive time",
+                "choose about 0.010",
+            )
+        if not 0.0 <= self.output_latency_s < math.inf:
+            raise BadInputError(
+                "bad_finger_settings",
+                f"output_latency_s {self.output_latency_s} is not a time of zero or more",
+                "choose the measured time from a sample until the output acts",
+            )
+
+
+class FingerTracking(NamedTuple):
+    """What the stage remembers: the last time, the sample that velocity is measured from, the velocity so far.
+
+    `weight` is how much of the smoothing window the touch has filled, 0 to 1; it keeps the velocity of a young touch
+    from being drawn towards zero.
+    """
+
+    time_s: float
+    anchor_time_s: float
+    anchor_x_m: float
+    anchor_y_m: float
+    velocity_x_m_s: float
+    velocity_y_m_s: float
+    weight: float
+    in_contact: bool
+
+
+INITIAL = FingerTracking(math.nan, math.nan, math.nan, math.nan, 0.0, 0.0, 0.0, False)
+
+
+def track(settings: FingerSettings, state: FingerTracking, sample: FingerSample) -> tuple[FingerTracking, FingerState]:
+    """Decide contact, estimate velocity and extrapolate the position to when the output acts.
+
+    A steady speed is estimated without bias from the second sample of a touch on. Without contact the velocity is zero.
+    A sample that is not finite or goes back in time is no contact, with position NaN and force zero; the next good one
+    starts a new touch. A repeated time leaves the velocity as it was: the stage cannot see that a tracker stands still.
+    """
+    if not _is_finite(sample):
+        return _lost(state.time_s)
+    if sample.time_s < state.time_s:
+        return _lost(sample.time_s)
+    if sample.normal_force_n < (settings.contact_off_n if state.in_contact else settings.contact_on_n):
+        return INITIAL._replace(time_s=sample.time_s), _as_seen(sample)
+    if not state.in_contact:
+        return _touched(sample), _as_seen(sample)._replace(in_contact=True)
+
+    state = _follow(settings, state, sample)
+    x_m = sample.position_x_m + state.velocity_x_m_s * settings.output_latency_s
+    y_m = sample.position_y_m + state.velocity_y_m_s * settings.output_latency_s
+    if not (math.isfinite(x_m) and math.isfinite(y_m)):
+        return _lost(sample.time_s)
+    return state, FingerState(
+        sample.time_s, x_m, y_m, state.velocity_x_m_s, state.velocity_y_m_s, sample.normal_force_n, True
+    )
+
+
+def _follow(settings: FingerSettings, state: FingerTracking, sample: FingerSample) -> FingerTracking:
+    """The velocity, smoothed exponentially over whatever intervals the samples come in."""
+    interval_s = sample.time_s - state.anchor_time_s
+    if interval_s < SHORTEST_INTERVAL * settings.velocity_time_constant_s:
+        return state._replace(time_s=sample.time_s)
+    share = -math.expm1(-interval_s / settings.velocity_time_constant_s)
+    weight = state.weight + share * (1.0 - state.weight)
+    gain = share / weight
+    slope_x_m_s = (sample.position_x_m - state.anchor_x_m) / interval_s
+    slope_y_m_s = (sample.position_y_m - state.anchor_y_m) / interval_s
+    return FingerTracking(
+        sample.time_s,
+        sample.time_s,
+        sample.position_x_m,
+        sample.position_y_m,
+        state.velocity_x_m_s + gain * (slope_x_m_s - state.velocity_x_m_s),
+        state.velocity_y_m_s + gain * (slope_y_m_s - state.velocity_y_m_s),
+        weight,
+        True,
+    )
+
+
+def _touched(sample: FingerSample) -> FingerTracking:
+    return FingerTracking(
+        sample.time_s, sample.time_s, sample.position_x_m, sample.position_y_m, 0.0, 0.0, 0.0, in_contact=True
+    )
+
+
+def _as_seen(sample: FingerSample) -> FingerState:
+    """The sample itself: no contact, no velocity."""
+    return FingerState(
+        sample.time_s, sample.position_x_m, sample.position_y_m, 0.0, 0.0, sample.normal_force_n, in_contact=False
+    )
+
+
+def _lost(time_s: float) -> tuple[FingerTracking, FingerState]:
+    return INITIAL._replace(time_s=time_s), FingerState(time_s, math.nan, math.nan, 0.0, 0.0, 0.0, in_contact=False)
+
+
+def _is_finite(sample: FingerSample) -> bool:
+    return (
+        math.isfinite(sample.time_s)
+        and math.isfinite(sample.position_x_m)
+        and math.isfinite(sample.position_y_m)
+        and math.isfinite(sample.normal_force_n)
+    )

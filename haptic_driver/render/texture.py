@@ -1,0 +1,264 @@
+"""Texture stage: where the finger is -> the coefficient of friction that belongs there.
+
+Textures are records that can be asked for friction at one position or at arrays of them. Where a texture asks for
+nothing, the answer is NaN.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.signals import FingerState, TargetFriction
+
+FloatArray = NDArray[np.float64]
+
+# No screen is larger than this: positions beyond, like NaN, lie on no texture.
+FARTHEST_M = 1000.0
+# No period or pixel is smaller than this.
+SHORTEST_LENGTH_M = 1e-6
+
+NO_TARGET = TargetFriction(cof=math.nan, active=False)
+
+
+class Texture(ABC):
+    """A coefficient of friction for every position, or NaN where nothing is asked for."""
+
+    @overload
+    def cof_at(self, x_m: float, y_m: float) -> float: ...
+    @overload
+    def cof_at(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray: ...
+
+    def cof_at(self, x_m: float | FloatArray, y_m: float | FloatArray) -> float | FloatArray:
+        """Friction at one position, or at arrays of positions that broadcast."""
+        if isinstance(x_m, (float, int)) and isinstance(y_m, (float, int)):
+            if abs(x_m) < FARTHEST_M and abs(y_m) < FARTHEST_M:
+                return self._cof_at_point(x_m, y_m)
+            return math.nan
+        x_m, y_m = np.broadcast_arrays(np.asarray(x_m, dtype=float), np.asarray(y_m, dtype=float))
+        on_screen = (np.abs(x_m) < FARTHEST_M) & (np.abs(y_m) < FARTHEST_M)
+        cof = self._cof_at_points(np.where(on_screen, x_m, 0.0), np.where(on_screen, y_m, 0.0))
+        return np.where(on_screen, cof, math.nan)
+
+    @abstractmethod
+    def bounds(self) -> tuple[float, float]:
+        """The lowest and the highest friction that the texture asks for anywhere."""
+
+    @abstractmethod
+    def _cof_at_point(self, x_m: float, y_m: float) -> float: ...
+
+    @abstractmethod
+    def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray: ...
+
+
+def target(texture: Texture, finger: FingerState) -> TargetFriction:
+    """The friction asked for under the finger: none without contact, and none where the texture has none."""
+    if not finger.in_contact:
+        return NO_TARGET
+    cof = texture.cof_at(finger.position_x_m, finger.position_y_m)
+    return NO_TARGET if math.isnan(cof) else TargetFriction(cof, active=True)
+
+
+@dataclass(frozen=True)
+class Uniform(Texture):
+    """The same friction everywhere."""
+
+    cof: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is not a number."""
+        _require_finite(cof=self.cof)
+
+    def bounds(self) -> tuple[float, float]:
+        """The one friction, twice."""
+        return self.cof, self.cof
+
+    def _cof_at_point(self, x_m: float, y_m: float) -> float:
+        return self.cof
+
+    def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+        return np.full(x_m.shape, self.cof)
+
+
+@dataclass(frozen=True)
+class Grating(Texture):
+    """Mean plus a sine that varies along `direction_rad` (from +x towards +y); `phase_rad` is its phase at 0, 0."""
+
+    mean_cof: float
+    amplitude_cof: float
+    period_m: float
+    direction_rad: float = 0.0
+    phase_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse a period that is none and what is not a number."""
+        _require_finite(
+            mean_cof=self.mean_cof,
+            amplitude_cof=self.amplitude_cof,
+            direction_rad=self.direction_rad,
+            phase_rad=self.phase_rad,
+        )
+        _require_length(period_m=self.period_m)
+
+    def bounds(self) -> tuple[float, float]:
+        """Mean minus and plus the amplitude."""
+        return self.mean_cof - abs(self.amplitude_cof), self.mean_cof + abs(self.amplitude_cof)
+
+    def _cof_at_point(self, x_m: float, y_m: float) -> float:
+        along_m = x_m * math.cos(self.direction_rad) + y_m * math.sin(self.direction_rad)
+        return self.mean_cof + self.amplitude_cof * math.sin(math.tau * along_m / self.period_m + self.phase_rad)
+
+    def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+        along_m = x_m * math.cos(self.direction_rad) + y_m * math.sin(self.direction_rad)
+        wave: FloatArray = np.sin(math.tau * along_m / self.period_m + self.phase_rad)
+        return self.mean_cof + self.amplitude_cof * wave
+
+
+@dataclass(frozen=True)
+class Profile(Texture):
+    """Friction along x, linear between its points, the same for every y; nothing before the first and after the last.
+
+    Positions increase strictly; there are at least two.
+    """
+
+    position_m: Sequence[float]
+    cof: Sequence[float]
+
+    def __post_init__(self) -> None:
+        """Keep the points as tuples of floats; refuse points out of order or not finite."""
+        object.__setattr__(self, "position_m", tuple(map(float, self.position_m)))
+        object.__setattr__(self, "cof", tuple(map(float, self.cof)))
+        if len(self.position_m) != len(self.cof) or len(self.cof) < 2:
+            raise BadInputError(
+                "bad_texture",
+                f"a profile of {len(self.position_m)} positions and {len(self.cof)} frictions",
+                "give at least two points, each with a position and a friction",
+            )
+        if not np.all(np.isfinite(self.position_m)) or not np.all(np.isfinite(self.cof)):
+            raise BadInputError("bad_texture", "a profile has a point that is not finite", "give numbers only")
+        if not np.all(np.diff(self.position_m) > 0.0):
+            raise BadInputError("bad_texture", "positions of a profile do not increase", "sort them; no two alike")
+
+    def bounds(self) -> tuple[float, float]:
+        """The lowest and the highest point."""
+        return min(self.cof), max(self.cof)
+
+    def _cof_at_point(self, x_m: float, y_m: float) -> float:
+        position_m = self.position_m
+        if not position_m[0] <= x_m <= position_m[-1]:
+            return math.nan
+        right = min(bisect_right(position_m, x_m), len(position_m) - 1)
+        left = right - 1
+        share = (x_m - position_m[left]) / (position_m[right] - position_m[left])
+        return _between(self.cof[left], self.cof[right], share)
+
+    def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+        return np.interp(x_m, self.position_m, self.cof, left=math.nan, right=math.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionMap(Texture):
+    """A picture of friction, `cof[row, column]`: columns along +x, rows along +y, bilinear between pixel centres.
+
+    The map's corner lies at `origin_x_m, origin_y_m` and the first pixel's centre half a pitch inside it. The outer
+    half pixel holds the value of its edge; beyond the corners there is nothing, or with `tile` the map again.
+    """
+
+    cof: FloatArray
+    pitch_x_m: float
+    pitch_y_m: float
+    origin_x_m: float = 0.0
+    origin_y_m: float = 0.0
+    tile: bool = False
+
+    def __post_init__(self) -> None:
+        """Keep a read-only copy; refuse an empty map, a pitch that is none and what is not a number."""
+        cof = np.array(self.cof, dtype=float, order="C")
+        cof.setflags(write=False)
+        object.__setattr__(self, "cof", cof)
+        if cof.ndim != 2 or cof.size == 0:
+            raise BadInputError("bad_texture", f"a map of shape {cof.shape}", "give rows and columns of friction")
+        if not np.all(np.isfinite(cof)):
+            raise BadInputError("bad_texture", "a map has a friction that is not finite", "give numbers only")
+        _require_length(pitch_x_m=self.pitch_x_m, pitch_y_m=self.pitch_y_m)
+        _require_finite(origin_x_m=self.origin_x_m, origin_y_m=self.origin_y_m)
+
+    def bounds(self) -> tuple[float, float]:
+        """The lowest and the highest pixel."""
+        return float(self.cof.min()), float(self.cof.max())
+
+    def _cof_at_point(self, x_m: float, y_m: float) -> float:
+        rows, columns = self.cof.shape
+        u = (x_m - self.origin_x_m) / self.pitch_x_m
+        v = (y_m - self.origin_y_m) / self.pitch_y_m
+        if not self.tile and not (0.0 <= u <= columns and 0.0 <= v <= rows):
+            return math.nan
+        left, right, share_x = _neighbours(u - 0.5, columns, self.tile)
+        low, high, share_y = _neighbours(v - 0.5, rows, self.tile)
+        pixel = self.cof.item
+        return _between(
+            _between(pixel(low, left), pixel(low, right), share_x),
+            _between(pixel(high, left), pixel(high, right), share_x),
+            share_y,
+        )
+
+    def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+        rows, columns = self.cof.shape
+        u = (x_m - self.origin_x_m) / self.pitch_x_m
+        v = (y_m - self.origin_y_m) / self.pitch_y_m
+        left, right, share_x = _neighbours_of_all(u - 0.5, columns, self.tile)
+        low, high, share_y = _neighbours_of_all(v - 0.5, rows, self.tile)
+        at_low = self.cof[low, left] + share_x * (self.cof[low, right] - self.cof[low, left])
+        at_high = self.cof[high, left] + share_x * (self.cof[high, right] - self.cof[high, left])
+        cof: FloatArray = at_low + share_y * (at_high - at_low)
+        if self.tile:
+            return cof
+        inside = (u >= 0.0) & (u <= columns) & (v >= 0.0) & (v <= rows)
+        return np.where(inside, cof, math.nan)
+
+
+def _between(first: float, second: float, share: float) -> float:
+    return first + share * (second - first)
+
+
+def _neighbours(pixels: float, count: int, tile: bool) -> tuple[int, int, float]:
+    """The two pixels around a distance in pixels from the first centre, and how far it is towards the second."""
+    if tile:
+        pixels %= count
+        index = min(int(pixels), count - 1)  # -1e-20 % 96 is 96.0
+        return index, (index + 1) % count, pixels - index
+    pixels = min(max(pixels, 0.0), count - 1.0)
+    index = int(pixels)
+    return index, min(index + 1, count - 1), pixels - index
+
+
+def _neighbours_of_all(
+    pixels: FloatArray, count: int, tile: bool
+) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]:
+    if tile:
+        pixels = np.mod(pixels, count)
+        index = np.minimum(pixels.astype(np.intp), count - 1)
+        return index, (index + 1) % count, pixels - index
+    pixels = np.clip(pixels, 0.0, count - 1.0)
+    index = pixels.astype(np.intp)
+    return index, np.minimum(index + 1, count - 1), pixels - index
+
+
+def _require_finite(**values: float) -> None:
+    for name, value in values.items():
+        if not math.isfinite(value):
+            raise BadInputError("bad_texture", f"{name} of a texture is {value}", "give a finite number")
+
+
+def _require_length(**values: float) -> None:
+    for name, value in values.items():
+        if not SHORTEST_LENGTH_M <= value < math.inf:
+            raise BadInputError("bad_texture", f"{name} of a texture is {value}", "give at least 1e-6 m, finite")

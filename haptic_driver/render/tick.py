@@ -1,0 +1,57 @@
+"""One tick: what happens between a finger and a voltage, in order. Start reading here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from haptic_driver.limits import OperatingLimits
+from haptic_driver.render import controller, drive, finger, safety, texture
+from haptic_driver.signals import (
+    DriveCommand,
+    FingerSample,
+    FingerState,
+    OperatingPoint,
+    SafeOperatingPoint,
+    TargetFriction,
+)
+
+
+@dataclass(frozen=True)
+class TickSettings:
+    """What the stages are told; replaced as a whole, never changed."""
+
+    finger: finger.FingerSettings
+    texture: texture.Texture
+    controller: controller.Controller
+    limits: OperatingLimits
+    drive: drive.DriveSettings
+
+
+class TickState(NamedTuple):
+    """What the stages remember from one tick to the next."""
+
+    finger: finger.FingerTracking = finger.INITIAL
+    controller: controller.ControllerState = controller.INITIAL
+    safety: safety.SafetyState = safety.INITIAL
+    drive: drive.DriveState = drive.INITIAL
+
+
+class Tick(NamedTuple):
+    """Everything one tick decided, for the actuator and the record."""
+
+    finger: FingerState
+    target: TargetFriction
+    wanted: OperatingPoint
+    safe: SafeOperatingPoint
+    command: DriveCommand
+
+
+def tick(settings: TickSettings, state: TickState, sample: FingerSample) -> tuple[TickState, Tick]:
+    """Finger -> target -> operating point -> safe point -> drive command."""
+    tracking, felt = finger.track(settings.finger, state.finger, sample)
+    target = texture.target(settings.texture, felt)
+    control, wanted = settings.controller.step(state.controller, target, felt)
+    guard, safe = safety.gate(settings.limits, state.safety, wanted)
+    driven, command = drive.drive(settings.drive, state.drive, safe, sample.time_s)
+    return TickState(tracking, control, guard, driven), Tick(felt, target, wanted, safe, command)

@@ -1,0 +1,93 @@
+"""Model -> lookup surface, with the provenance that lets anybody build the same file again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+
+import numpy as np
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.limits import OperatingLimits
+from haptic_driver.surface_file import Array, SurfaceFile
+from model.parameters import ModelDescription
+from model.touch_model import TouchModel
+
+
+@dataclass(frozen=True)
+class SurfaceAxes:
+    """Where a surface is solved: log frequency, linear voltage from 0, log normal force."""
+
+    frequency_low_hz: float = 1.0
+    frequency_high_hz: float = 1e6
+    frequency_count: int = 200
+    voltage_high_v: float = 150.0
+    voltage_count: int = 128
+    normal_force_low_n: float = 0.1
+    normal_force_high_n: float = 2.0
+    normal_force_count: int = 5
+
+    def __post_init__(self) -> None:
+        """Refuse axes that cannot carry a surface."""
+        if not 1e-2 <= self.frequency_low_hz < self.frequency_high_hz <= 1e8:
+            raise BadInputError("bad_axes", "frequency axis is not rising within 0.01..1e8 Hz", "For example 1 to 1e6")
+        if not 0.0 < self.voltage_high_v <= 5e3:
+            raise BadInputError("bad_axes", f"highest voltage {self.voltage_high_v:g} V is not in 0..5000 V", "Say 150")
+        if not 1e-3 <= self.normal_force_low_n < self.normal_force_high_n <= 50.0:
+            raise BadInputError(
+                "bad_axes", "normal force axis is not rising within 0.001..50 N", "For example 0.1 to 2"
+            )
+        counts = (self.frequency_count, self.voltage_count, self.normal_force_count)
+        if min(counts) < 4 or np.prod(counts) > 20_000_000:
+            raise BadInputError("bad_axes", f"{counts} points", "Give at least 4 points per axis and 2e7 in all")
+
+    @property
+    def frequency_hz(self) -> Array:
+        """[f], evenly spaced in the logarithm."""
+        return np.geomspace(self.frequency_low_hz, self.frequency_high_hz, self.frequency_count)
+
+    @property
+    def voltage_v(self) -> Array:
+        """[v], evenly spaced from 0."""
+        return np.linspace(0.0, self.voltage_high_v, self.voltage_count)
+
+    @property
+    def normal_force_n(self) -> Array:
+        """[n], evenly spaced in the logarithm."""
+        return np.geomspace(self.normal_force_low_n, self.normal_force_high_n, self.normal_force_count)
+
+
+def build_surface(
+    description: ModelDescription, limits: OperatingLimits, axes: SurfaceAxes | None = None
+) -> SurfaceFile:
+    """Solve the model on every point of `axes`; `limits` only mark `within_limits`, the rig applies its own."""
+    axes = axes or SurfaceAxes()
+    f, v, n = axes.frequency_hz, axes.voltage_v, axes.normal_force_n
+    touch = TouchModel(description)
+    solved = touch.surface(f, v, n)
+    grid_f = f[:, None, None]
+    return SurfaceFile(
+        frequency_hz=f,
+        voltage_v=v,
+        normal_force_n=n,
+        cof=solved.cof,
+        electrostatic_force_n=solved.electrostatic_force_n,
+        current_rms_a=solved.current_rms_a,
+        stuck_current_rms_a=solved.stuck_current_rms_a,
+        slew_v_per_s=2.0 * np.pi * f[:, None] * v,
+        pulled_in=solved.pulled_in,
+        within_theory=solved.within_theory,
+        within_limits=limits.permits(grid_f, v[:, None], solved.current_rms_a, solved.stuck_current_rms_a[:, :, None]),
+        provenance={
+            "model": description.provenance(),
+            "model_hash": description.content_hash,
+            "gap_table_hash": touch.table.content_hash,
+            "limits": repr(limits),
+            "waveform": "sine",
+            "program": f"haptic-driver {version('haptic-driver')}",
+            "numpy": version("numpy"),
+            "scipy": version("scipy"),
+            "built_at": datetime.now(UTC).isoformat(timespec="seconds"),
+        },
+    )

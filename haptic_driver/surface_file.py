@@ -1,0 +1,160 @@
+"""The lookup surface as a file: HDF5, readable from MATLAB, with full provenance and a content hash.
+
+Datasets `frequency_hz` [f], `voltage_v` [v], `normal_force_n` [n]; `cof`, `electrostatic_force_n`, `current_rms_a` and
+the masks `pulled_in`, `within_theory`, `within_limits` [f, v, n]; `stuck_current_rms_a`, `slew_v_per_s` [f, v].
+Attributes are strings and floats only (MATLAB's h5readatt fails on integers).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.limits import OperatingLimits
+from haptic_driver.render.surface import Surface
+
+FORMAT = "haptic-driver surface"
+FORMAT_VERSION = 1.0
+ROUNDING = 1e-9  # kept clear of a limit, so that its own check by another path never fails by rounding
+FORCE_REFINEMENT = 4  # cells of the look-up per cell of the file along normal force, by a cubic through all levels
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class SurfaceFile:
+    """Everything a surface file holds; see the module for shapes. `provenance` is what a reader needs to redo it."""
+
+    frequency_hz: Array
+    voltage_v: Array
+    normal_force_n: Array
+    cof: Array
+    electrostatic_force_n: Array
+    current_rms_a: Array
+    stuck_current_rms_a: Array
+    slew_v_per_s: Array
+    pulled_in: Mask
+    within_theory: Mask
+    within_limits: Mask
+    provenance: dict[str, Any]
+
+    @property
+    def content_hash(self) -> str:
+        """SHA-256 over every number and the model's description: equal files, equal surfaces."""
+        digest = hashlib.sha256()
+        for name, values in self._datasets().items():
+            digest.update(name.encode())
+            digest.update(str(values.shape).encode())
+            digest.update(np.ascontiguousarray(values).tobytes())
+        digest.update(json.dumps(self.provenance["model"], sort_keys=True).encode())
+        return digest.hexdigest()
+
+    def _datasets(self) -> dict[str, NDArray[Any]]:
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "provenance"}
+
+    def write(self, path: Path) -> None:
+        """Write atomically: a reader sees the old file or the new one, never half of one."""
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle, part = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
+            os.close(handle)
+            with h5py.File(part, "w") as file:
+                file.attrs["format"] = FORMAT
+                file.attrs["format_version"] = FORMAT_VERSION
+                file.attrs["content_hash"] = self.content_hash
+                file.attrs["provenance"] = json.dumps(self.provenance)
+                for name, values in self._datasets().items():
+                    file.create_dataset(name, data=values.astype(np.uint8) if values.dtype == bool else values)
+            os.replace(part, path)
+        except OSError as error:
+            raise HapticError(
+                "surface_not_written", f"{path}: cannot be written ({error})", "Choose another --out"
+            ) from error
+
+
+def read_surface(path: Path) -> SurfaceFile:
+    """Read and verify a surface file; BadInputError for a missing, damaged, foreign or newer one."""
+    rebuild = "Build a new one: haptic surface build --out " + path.name
+    if not path.is_file():
+        raise BadInputError("surface_not_found", f"{path}: there is no such surface file", rebuild)
+    try:
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("format") != FORMAT:
+                raise BadInputError("surface_foreign", f"{path}: is HDF5 but not a haptic-driver surface", rebuild)
+            version = float(file.attrs["format_version"])
+            if version != FORMAT_VERSION:
+                raise BadInputError(
+                    "surface_version", f"{path}: has format {version:g}, this program reads {FORMAT_VERSION:g}", rebuild
+                )
+            names = [f.name for f in fields(SurfaceFile) if f.name != "provenance"]
+            arrays = {name: file[name][...] for name in names}
+            provenance = json.loads(file.attrs["provenance"])
+            stored_hash = str(file.attrs["content_hash"])
+        masks = ("pulled_in", "within_theory", "within_limits")
+        surface = SurfaceFile(
+            **{n: a.astype(bool) if n in masks else a.astype(np.float64) for n, a in arrays.items()},
+            provenance=provenance,
+        )
+        intact = surface.content_hash == stored_hash
+    except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise BadInputError("surface_corrupt", f"{path}: not a readable surface file ({error})", rebuild) from error
+    if not intact:
+        raise BadInputError(
+            "surface_corrupt", f"{path}: its content does not match its hash; the file is damaged", rebuild
+        )
+    return surface
+
+
+def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
+    """The surface as the controller reads it: finer along normal force, the rig's limits applied.
+
+    What is refined is the rise of friction times F_n/V^2, which is smooth where friction is not. A forbidden point ends
+    the voltage range of its row, so nothing beyond the first of them is ever offered.
+    """
+    nodes = file.normal_force_n
+    force = np.geomspace(nodes[0], nodes[-1], (nodes.size - 1) * FORCE_REFINEMENT + 1)
+    cof_off = file.cof[:, :1]
+    rise = _refined((file.cof - cof_off) * nodes, file, force, power=2) / force
+    current = _refined(file.current_rms_a, file, force, power=1)
+    cof = np.where(np.isfinite(rise), rise, np.nanmax(rise)) + cof_off[:, :, :1]
+    per_volt = file.stuck_current_rms_a[:, -1] / file.voltage_v[-1]
+
+    above = np.minimum(np.searchsorted(nodes, force), nodes.size - 1)
+    below = np.maximum(above - 1, 0)
+    sound = file.within_theory & ~file.pulled_in
+    sound = sound[:, :, above] & sound[:, :, below] & np.isfinite(rise) & np.isfinite(current)
+    sound &= np.nan_to_num(current) <= limits.contact_current_limit_a_rms(file.frequency_hz)[:, None, None]
+    last_sound = np.where(sound.all(axis=1), sound.shape[1], np.argmin(sound, axis=1)) - 1
+    proportional = limits.highest_voltage_v(file.frequency_hz, per_volt) * (1.0 - ROUNDING)
+    limit_v = np.minimum(proportional[:, None], file.voltage_v[np.maximum(last_sound, 0)])
+    return Surface(
+        log_frequency=np.log(file.frequency_hz),
+        log_normal_force=np.log(force),
+        voltage_v=file.voltage_v,
+        cof=np.ascontiguousarray(cof.transpose(0, 2, 1)),
+        current_rms_a=np.ascontiguousarray(np.nan_to_num(current).transpose(0, 2, 1)),
+        stuck_current_a_per_v=per_volt,
+        voltage_limit_v=np.ascontiguousarray(limit_v),
+    )
+
+
+def _refined(values: Array, file: SurfaceFile, force: Array, power: int) -> Array:
+    """`values` [f, v, n] on the finer normal forces: cubic in log(values/V^power) over log force; 0 at V = 0."""
+    voltage = file.voltage_v[1:, None] ** power
+    scaled = np.log(values[:, 1:] / voltage)
+    known = np.isfinite(scaled).all(axis=2, keepdims=True)
+    spline = CubicSpline(np.log(file.normal_force_n), np.where(known, scaled, 0.0), axis=2)
+    fine = np.where(known, np.exp(spline(np.log(force))) * voltage, np.nan)
+    return np.concatenate([np.zeros_like(fine[:, :1]), fine], axis=1)

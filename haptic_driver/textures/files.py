@@ -1,0 +1,228 @@
+"""Reading the files a texture is made of: pictures, arrays and tables -> numbers, or an error that says where."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import struct
+import tokenize
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.textures.description import HIGHEST_COF, LOWEST_COF
+
+FloatArray = NDArray[np.float64]
+
+LARGEST_MAP_PIXELS = 64_000_000
+LARGEST_FILE_BYTES = 1 << 30
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG_GREY = 0  # colour type of the PNG specification, section 11.2.1
+# What Pillow and numpy raise on damaged files, found by feeding them such files.
+PNG_DAMAGE = (OSError, ValueError, SyntaxError, EOFError, struct.error, zlib.error)
+NPY_DAMAGE = (OSError, ValueError, SyntaxError, EOFError, tokenize.TokenError, zipfile.BadZipFile, MemoryError)
+
+
+def read_bytes(path: Path) -> bytes:
+    """The whole file."""
+    try:
+        if path.stat().st_size > LARGEST_FILE_BYTES:
+            raise BadInputError(
+                "file_too_large", f"{path} has more than {LARGEST_FILE_BYTES >> 20} MiB", "use a smaller map"
+            )
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise BadInputError("file_not_found", f"{path} does not exist", "check the name and the folder") from None
+    except (OSError, ValueError) as error:
+        raise BadInputError("file_unreadable", f"{path} cannot be read: {error}", "check what it is") from None
+
+
+def read_text(path: Path) -> str:
+    """The whole file as UTF-8, with or without a byte order mark."""
+    try:
+        return read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise BadInputError(
+            "file_unreadable", f"{path} is not UTF-8 text (byte {error.start})", "save it as UTF-8"
+        ) from None
+
+
+def read_map(path: Path) -> FloatArray:
+    """Rows and columns of a map: 0 to 1 of full scale from PNG, the numbers themselves from .npy and .csv."""
+    readers = {".png": read_png, ".npy": read_npy, ".csv": read_grid}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise BadInputError(
+            "bad_texture", f"{path}: key 'file' of a map cannot be a '{path.suffix}' file", "use .png, .npy or .csv"
+        )
+    return reader(path)
+
+
+def read_png(path: Path) -> FloatArray:
+    """A grey picture of 1 to 16 bits as 0 to 1 of full scale, values taken as stored (no gamma)."""
+    content = read_bytes(path)
+    if not content.startswith(PNG_SIGNATURE) or content[12:16] != b"IHDR" or len(content) < 26:
+        raise BadInputError("bad_image", f"{path} is not a PNG picture", "save the picture as PNG")
+    width, height, bits, colour_type = struct.unpack(">IIBB", content[16:26])
+    _require_map_size(path, height, width)
+    if bits == 16 and colour_type != PNG_GREY:
+        raise BadInputError(
+            "bad_image", f"{path} is a 16-bit picture with colour or alpha", "save it as 16-bit greyscale without alpha"
+        )
+    try:
+        with Image.open(io.BytesIO(content), formats=["PNG"]) as image:
+            image.load()
+            return _grey_16_bit(image, path) if bits == 16 else _grey_8_bit(image, path)
+    except PNG_DAMAGE as error:
+        raise BadInputError(
+            "bad_image", f"{path} is damaged: {error}", "save it again from the program that made it"
+        ) from None
+
+
+def _grey_16_bit(image: Image.Image, path: Path) -> FloatArray:
+    if "transparency" in image.info:
+        raise _transparent(path)
+    return np.asarray(image, dtype=float) / 65535.0
+
+
+def _grey_8_bit(image: Image.Image, path: Path) -> FloatArray:
+    if image.mode == "L" and "transparency" not in image.info:
+        return np.asarray(image, dtype=float) / 255.0
+    pixels = np.asarray(image.convert("RGBA"))
+    if np.any(pixels[..., 3] != 255):
+        raise _transparent(path)
+    coloured = np.argwhere(np.ptp(pixels[..., :3], axis=2) != 0)
+    if len(coloured):
+        row, column = coloured[0]
+        raise BadInputError(
+            "bad_image",
+            f"{path} has colour, first at row {row}, column {column}",
+            "friction has no colour: save it as greyscale",
+        )
+    return np.asarray(pixels[..., 0], dtype=float) / 255.0
+
+
+def _transparent(path: Path) -> BadInputError:
+    return BadInputError(
+        "bad_image",
+        f"{path} is partly transparent",
+        "friction has no transparency: save it as greyscale without alpha",
+    )
+
+
+def read_npy(path: Path) -> FloatArray:
+    """A numpy array of two dimensions, of numbers."""
+    content = read_bytes(path)
+    try:
+        array = np.load(io.BytesIO(content), allow_pickle=False)
+    except NPY_DAMAGE as error:
+        raise BadInputError("bad_map", f"{path} is not a numpy array: {error}", "write it with numpy.save") from None
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiub" or array.ndim != 2:
+        shape = getattr(array, "shape", "no array")
+        raise BadInputError("bad_map", f"{path} is not a table of numbers ({shape})", "save rows and columns of floats")
+    _require_map_size(path, *array.shape)
+    return np.asarray(array, dtype=float)
+
+
+def read_grid(path: Path) -> FloatArray:
+    """A CSV table of numbers without a header: each line a row of the map."""
+    rows = [[_number(path, line, cell, "map") for cell in cells] for line, cells in _csv_lines(path)]
+    if not rows or len({len(row) for row in rows}) != 1:
+        raise BadInputError("bad_map", f"{path} has no rows, or rows of unequal length", "give a full table, no header")
+    _require_map_size(path, len(rows), len(rows[0]))
+    return np.array(rows, dtype=float)
+
+
+def require_cof(path: Path, cof: FloatArray) -> None:
+    """Refuse a map with a value that is no coefficient of friction."""
+    _require_values(path, cof, LOWEST_COF, HIGHEST_COF, "with cof_black and cof_white a map holds 0 to 1 of full scale")
+
+
+def require_shares(path: Path, shares: FloatArray) -> None:
+    """Refuse a map with a value outside 0 to 1."""
+    _require_values(path, shares, 0.0, 1.0, "divide by full scale, or drop cof_black and cof_white if it holds cof")
+
+
+def _require_values(path: Path, values: FloatArray, low: float, high: float, hint: str) -> None:
+    bad = np.argwhere(~((values >= low) & (values <= high)))  # NaN is outside every range
+    if len(bad):
+        row, column = bad[0]
+        raise BadInputError(
+            "bad_map", f"{path}: {values[row, column]:g} at row {row}, column {column} is outside {low} to {high}", hint
+        )
+
+
+def _require_map_size(path: Path, rows: int, columns: int) -> None:
+    if rows * columns == 0:
+        raise BadInputError("bad_map", f"{path} is empty", "give at least one pixel")
+    if rows * columns > LARGEST_MAP_PIXELS:
+        raise BadInputError(
+            "map_too_large",
+            f"{path} has {columns} x {rows} pixels, more than {LARGEST_MAP_PIXELS // 1_000_000} million",
+            "scale it down, or cut out the part that is touched",
+        )
+
+
+def read_profile(path: Path) -> tuple[list[float], list[float]]:
+    """Positions and frictions of a CSV file with columns position_m and cof; further columns are ignored."""
+    lines = _csv_lines(path)
+    header = [name.strip() for name in lines[0][1]] if lines else []
+    for name in ("position_m", "cof"):
+        if name not in header:
+            raise BadInputError(
+                "bad_profile",
+                f"{path} has no column '{name}' (its first line: {','.join(header)[:60] or 'none'})",
+                "begin with the line: position_m,cof",
+            )
+    position_column, cof_column = header.index("position_m"), header.index("cof")
+    positions_m: list[float] = []
+    cofs: list[float] = []
+    for line, cells in lines[1:]:
+        if len(cells) != len(header):
+            raise _bad_profile(path, line, f"{len(cells)} values", f"give {len(header)}, as the first line says")
+        position_m = _number(path, line, cells[position_column], "profile")
+        cof = _number(path, line, cells[cof_column], "profile")
+        if not math.isfinite(position_m) or (positions_m and position_m <= positions_m[-1]):
+            raise _bad_profile(path, line, f"position_m {position_m:g}", "positions increase from line to line, in m")
+        if not LOWEST_COF <= cof <= HIGHEST_COF:
+            raise _bad_profile(path, line, f"cof {cof:g}", f"cof lies in {LOWEST_COF} to {HIGHEST_COF}")
+        positions_m.append(position_m)
+        cofs.append(cof)
+    if len(cofs) < 2:
+        raise BadInputError("bad_profile", f"{path} has {len(cofs)} points", "give at least two")
+    return positions_m, cofs
+
+
+def _bad_profile(path: Path, line: int, problem: str, hint: str) -> BadInputError:
+    return BadInputError("bad_profile", f"{path} line {line}: {problem}", hint)
+
+
+def _csv_lines(path: Path) -> list[tuple[int, list[str]]]:
+    """Line number and cells of every line that is neither empty nor a comment."""
+    reader = csv.reader(io.StringIO(read_text(path), newline=""))
+    try:
+        return [
+            (reader.line_num, cells)
+            for cells in reader
+            if any(cell.strip() for cell in cells) and not cells[0].lstrip().startswith("#")
+        ]
+    except csv.Error as error:
+        raise BadInputError(
+            "file_unreadable", f"{path} line {reader.line_num} is not CSV: {error}", "separate the numbers by commas"
+        ) from None
+
+
+def _number(path: Path, line: int, cell: str, what: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        raise BadInputError(
+            f"bad_{what}", f"{path} line {line}: {cell.strip()[:40]!r} is no number", "use numbers such as 0.62"
+        ) from None

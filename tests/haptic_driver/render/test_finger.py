@@ -1,0 +1,141 @@
+"""Finger stage: contact with hysteresis, velocity, position at output time, and what bad samples do."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.render.finger import INITIAL, FingerSettings, track
+from haptic_driver.signals import FingerSample
+
+PRESSED_N = 0.5
+SETTINGS = FingerSettings()
+anything = st.floats(allow_nan=True, allow_infinity=True)
+
+
+def follow(samples, settings=SETTINGS):
+    state, fingers = INITIAL, []
+    for sample in samples:
+        state, finger = track(settings, state, FingerSample(*sample))
+        fingers.append(finger)
+    return fingers
+
+
+def slide(times_s, speed_x_m_s, speed_y_m_s=0.0, start_m=0.02):
+    return [(t, start_m + speed_x_m_s * t, start_m + speed_y_m_s * t, PRESSED_N) for t in times_s]
+
+
+@given(
+    speed_x=st.floats(-0.5, 0.5),
+    speed_y=st.floats(-0.5, 0.5),
+    intervals=st.lists(st.floats(0.5e-3, 20e-3), min_size=1, max_size=60),
+    latency=st.floats(0.0, 0.05),
+)
+def test_steady_slide_has_no_bias_in_velocity_or_position(speed_x, speed_y, intervals, latency):
+    times = [0.0]
+    for interval in intervals:
+        times.append(times[-1] + interval)
+    finger = follow(slide(times, speed_x, speed_y), FingerSettings(output_latency_s=latency))[-1]
+    # rounding of positions near 1 m (2e-16) over 0.5 ms stays below 1e-12 m/s; the margin is for accumulation
+    assert finger.velocity_x_m_s == pytest.approx(speed_x, abs=1e-10)
+    assert finger.velocity_y_m_s == pytest.approx(speed_y, abs=1e-10)
+    assert finger.position_x_m == pytest.approx(0.02 + speed_x * (times[-1] + latency), abs=1e-11)
+    assert finger.position_y_m == pytest.approx(0.02 + speed_y * (times[-1] + latency), abs=1e-11)
+
+
+def test_samples_of_a_slow_panel_read_by_a_fast_tick_give_the_same_velocity():
+    repeated = [sample for sample in slide([0.0, 0.010, 0.020, 0.030], 0.1) for _ in range(10)]
+    fingers = follow(repeated)
+    assert fingers[-1].velocity_x_m_s == pytest.approx(0.1, abs=1e-12)
+    assert fingers[15].velocity_x_m_s == fingers[10].velocity_x_m_s
+
+
+def test_velocity_follows_a_change_of_speed_with_the_time_constant():
+    still = slide([k * 1e-3 for k in range(200)], 0.0)
+    x_m, times = still[-1][1], [0.199 + k * 1e-3 for k in range(1, 11)]
+    moving = [(t, x_m + 0.1 * (t - 0.199), 0.02, PRESSED_N) for t in times]
+    finger = follow(still + moving)[-1]
+    assert finger.velocity_x_m_s == pytest.approx(0.1 * (1.0 - math.exp(-1.0)), rel=1e-6)  # one time constant later
+
+
+def test_jitter_in_the_position_is_smoothed():
+    noise_m = 20e-6
+    samples = [(k * 1e-3, 0.02 + noise_m * (-1) ** k, 0.02, PRESSED_N) for k in range(300)]
+    speeds = [finger.velocity_x_m_s for finger in follow(samples)[100:]]
+    raw_speed = 2 * noise_m / 1e-3
+    assert max(map(abs, speeds)) < raw_speed / 15  # theory for alternating noise: gain a / (2 - a), a = 1 - exp(-0.1)
+
+
+def test_two_samples_at_almost_the_same_time_make_no_speed():
+    fingers = follow([(0.0, 0.02, 0.02, PRESSED_N), (1e-9, 0.021, 0.02, PRESSED_N)])
+    assert fingers[-1].velocity_x_m_s == 0.0
+    assert fingers[-1].position_x_m == 0.021
+
+
+def test_contact_has_hysteresis():
+    forces = [0.0, 0.07, 0.08, 0.06, 0.05, 0.049, 0.06, 0.079, 0.081]
+    fingers = follow([(k * 1e-3, 0.02, 0.02, force) for k, force in enumerate(forces)])
+    assert [finger.in_contact for finger in fingers] == [False, False, True, True, True, False, False, False, True]
+
+
+def test_a_new_touch_elsewhere_starts_without_the_old_velocity():
+    first = slide([k * 1e-3 for k in range(50)], 0.2)
+    lifted = (0.050, 0.03, 0.02, 0.0)
+    second = [(0.051 + k * 1e-3, 0.09, 0.07, PRESSED_N) for k in range(3)]
+    fingers = follow([*first, lifted, *second], FingerSettings(output_latency_s=0.02))
+    assert fingers[50].in_contact is False
+    assert fingers[50].velocity_x_m_s == 0.0
+    assert [(f.position_x_m, f.velocity_x_m_s, f.in_contact) for f in fingers[51:]] == [(0.09, 0.0, True)] * 3
+
+
+@pytest.mark.parametrize("field", range(4))
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_sample_that_is_not_finite_is_no_contact_and_the_next_recovers(field, bad):
+    samples = slide([k * 1e-3 for k in range(10)], 0.1)
+    broken = list(samples[5])
+    broken[field] = bad
+    samples[5] = tuple(broken)
+    fingers = follow(samples)
+    assert [finger.in_contact for finger in fingers] == [True] * 5 + [False] + [True] * 4
+    assert fingers[5].normal_force_n == 0.0
+    assert fingers[-1].velocity_x_m_s == pytest.approx(0.1, abs=1e-10)
+
+
+def test_time_that_goes_back_is_no_contact_and_the_next_recovers():
+    fingers = follow(slide([1.0, 1.001, 0.5, 0.501, 0.502], 0.1))
+    assert [finger.in_contact for finger in fingers] == [True, True, False, True, True]
+    assert fingers[-1].velocity_x_m_s == pytest.approx(0.1, abs=1e-10)
+
+
+@given(st.lists(st.tuples(anything, anything, anything, anything), max_size=30))
+def test_contact_always_comes_with_finite_position_velocity_and_force(samples):
+    for finger in follow(samples, FingerSettings(output_latency_s=0.01)):
+        if finger.in_contact:
+            assert all(map(math.isfinite, finger[:6]))
+            assert finger.normal_force_n >= SETTINGS.contact_off_n
+
+
+def test_the_stage_is_pure():
+    samples = [FingerSample(*sample) for sample in slide([0.0, 0.001], 0.1)]
+    state, _ = track(SETTINGS, INITIAL, samples[0])
+    assert track(SETTINGS, state, samples[1]) == track(SETTINGS, state, samples[1])
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"contact_on_n": 0.04},
+        {"contact_off_n": 0.0},
+        {"contact_on_n": math.nan},
+        {"velocity_time_constant_s": 0.0},
+        {"velocity_time_constant_s": math.inf},
+        {"output_latency_s": -0.001},
+        {"output_latency_s": math.nan},
+    ],
+)
+def test_settings_without_meaning_are_refused_by_name(wrong):
+    with pytest.raises(BadInputError, match=next(iter(wrong))) as caught:
+        FingerSettings(**wrong)
+    assert caught.value.code == "bad_finger_settings"

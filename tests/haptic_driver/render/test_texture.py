@@ -1,0 +1,216 @@
+"""Texture stage: values worked out by hand, scalar against array, bounds, tiling, interpolation."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.render.texture import FrictionMap, Grating, Profile, Uniform, target
+from haptic_driver.signals import FingerState, TargetFriction
+
+# Bilinear and linear interpolation round a few times at values below 5: a few 1e-16, with room.
+ROUNDING = 1e-12
+
+cofs = st.floats(0.01, 5.0)
+positions = st.floats(-0.3, 0.3)
+lengths = st.floats(1e-4, 0.05)
+either = st.booleans()
+
+
+@st.composite
+def maps(draw, tile=either):
+    rows, columns = draw(st.integers(1, 6)), draw(st.integers(1, 6))
+    values = draw(st.lists(cofs, min_size=rows * columns, max_size=rows * columns))
+    return FrictionMap(
+        np.reshape(values, (rows, columns)), draw(lengths), draw(lengths), draw(positions), draw(positions), draw(tile)
+    )
+
+
+@st.composite
+def profiles(draw):
+    steps = draw(st.lists(st.floats(1e-4, 0.05), min_size=2, max_size=8))
+    values = draw(st.lists(cofs, min_size=len(steps), max_size=len(steps)))
+    return Profile(draw(positions) + np.cumsum(steps), values)
+
+
+gratings = st.builds(Grating, cofs, st.floats(0.0, 0.5), lengths, st.floats(-7, 7), st.floats(-7, 7))
+textures = st.one_of(st.builds(Uniform, cofs), gratings, profiles(), maps())
+
+
+@given(textures, positions, positions)
+def test_friction_lies_within_bounds(texture, x_m, y_m):
+    low, high = texture.bounds()
+    cof = texture.cof_at(x_m, y_m)
+    assert math.isnan(cof) or low - ROUNDING <= cof <= high + ROUNDING
+
+
+@given(textures, st.lists(st.tuples(st.floats(), st.floats()) | st.tuples(positions, positions), max_size=20))
+def test_arrays_give_what_single_positions_give(texture, points):
+    x_m, y_m = np.array(points, dtype=float).reshape(-1, 2).T
+    together = texture.cof_at(x_m, y_m)
+    one_by_one = [texture.cof_at(x, y) for x, y in points]
+    assert together.shape == x_m.shape
+    np.testing.assert_allclose(together, np.array(one_by_one, dtype=float), rtol=0, atol=ROUNDING, equal_nan=True)
+
+
+def test_array_positions_broadcast_and_may_be_numpy_scalars():
+    grating = Grating(0.6, 0.1, 0.01)
+    x_m, y_m = np.meshgrid(np.linspace(0, 0.01, 4), np.linspace(0, 0.01, 3))
+    assert grating.cof_at(x_m, y_m).shape == (3, 4)
+    assert grating.cof_at(np.float64(0.0025), np.float64(0.0)) == pytest.approx(0.7)
+    assert grating.cof_at(np.array(0.0025), np.array(0.0)) == pytest.approx(0.7)
+
+
+def test_uniform_is_the_same_everywhere():
+    assert Uniform(0.6).cof_at(0.0, 0.0) == Uniform(0.6).cof_at(-3.0, 99.0) == 0.6
+    assert Uniform(0.6).bounds() == (0.6, 0.6)
+
+
+@pytest.mark.parametrize("nowhere", [math.nan, math.inf, -math.inf, 1e300])
+def test_no_texture_asks_for_anything_off_every_screen(nowhere):
+    tiled = FrictionMap(np.full((2, 2), 0.6), 1e-3, 1e-3, tile=True)
+    for texture in (Uniform(0.6), Grating(0.6, 0.1, 0.01), Profile([0, 1], [0.5, 0.6]), tiled):
+        assert math.isnan(texture.cof_at(nowhere, 0.0))
+        assert math.isnan(texture.cof_at(0.0, nowhere))
+        assert np.isnan(texture.cof_at(np.array([nowhere]), np.array([0.0]))).all()
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "direction_rad", "phase_rad", "cof"),
+    [
+        (0.0, 0.0, 0.0, 0.0, 0.6),
+        (0.0025, 0.9, 0.0, 0.0, 0.7),  # a quarter period along x; y plays no part
+        (0.0075, 0.0, 0.0, 0.0, 0.5),
+        (0.9, 0.0025, math.pi / 2, 0.0, 0.7),  # turned to vary along y
+        (0.0, 0.0, 0.0, math.pi / 2, 0.7),
+        (0.0025 / math.sqrt(2), 0.0025 / math.sqrt(2), math.pi / 4, 0.0, 0.7),
+    ],
+)
+def test_grating_has_its_crests_where_they_belong(x_m, y_m, direction_rad, phase_rad, cof):
+    assert Grating(0.6, 0.1, 0.01, direction_rad, phase_rad).cof_at(x_m, y_m) == pytest.approx(cof, abs=1e-12)
+
+
+@given(gratings, positions, positions, st.integers(-3, 3))
+def test_grating_repeats_after_its_period_along_its_direction(grating, x_m, y_m, periods):
+    along_m = periods * grating.period_m
+    shifted = grating.cof_at(
+        x_m + along_m * math.cos(grating.direction_rad), y_m + along_m * math.sin(grating.direction_rad)
+    )
+    # 1e-16 of position over a period of 1e-4 m is 1e-11 of phase
+    assert shifted == pytest.approx(grating.cof_at(x_m, y_m), abs=1e-10)
+
+
+def test_profile_is_linear_between_its_points_and_nothing_outside():
+    profile = Profile([0.0, 0.01, 0.03], [0.5, 0.7, 0.6])
+    x_m = np.array([-1e-9, 0.0, 0.005, 0.01, 0.02, 0.03, 0.03 + 1e-9])
+    expected = [math.nan, 0.5, 0.6, 0.7, 0.65, 0.6, math.nan]
+    np.testing.assert_allclose(profile.cof_at(x_m, np.zeros(7)), expected, atol=ROUNDING)
+    np.testing.assert_allclose([profile.cof_at(x, 5.0) for x in x_m.tolist()], expected, atol=ROUNDING)
+    assert profile.bounds() == (0.5, 0.7)
+
+
+def test_map_puts_rows_along_y_and_columns_along_x():
+    picture = FrictionMap(np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]), pitch_x_m=0.01, pitch_y_m=0.02, origin_x_m=0.1)
+    assert picture.cof_at(0.105, 0.01) == pytest.approx(0.1)  # centre of the first pixel
+    assert picture.cof_at(0.125, 0.01) == pytest.approx(0.3)
+    assert picture.cof_at(0.105, 0.03) == pytest.approx(0.4)
+    assert picture.cof_at(0.110, 0.02) == pytest.approx(0.3)  # where four pixels meet: their mean
+    assert picture.cof_at(0.101, 0.001) == pytest.approx(0.1)  # the outer half pixel holds the edge
+    assert picture.bounds() == (0.1, 0.6)
+
+
+@pytest.mark.parametrize(("x_m", "y_m"), [(-1e-6, 0.01), (0.030001, 0.01), (0.01, -1e-6), (0.01, 0.040001)])
+def test_map_ends_at_its_corners_unless_tiled(x_m, y_m):
+    picture = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
+    assert math.isnan(FrictionMap(picture, 0.01, 0.02).cof_at(x_m, y_m))
+    assert not math.isnan(FrictionMap(picture, 0.01, 0.02, tile=True).cof_at(x_m, y_m))
+
+
+def test_tiled_map_interpolates_across_its_seam():
+    picture = FrictionMap(np.array([[0.2, 0.3, 0.6]]), 0.01, 0.01, tile=True)
+    assert picture.cof_at(0.0, 0.005) == pytest.approx(0.4)  # halfway from the last pixel to the first
+    assert picture.cof_at(0.03, 0.005) == pytest.approx(0.4)
+    assert picture.cof_at(-0.005, 0.005) == pytest.approx(0.6)
+
+
+@given(maps(tile=st.just(True)), positions, positions, st.integers(-5, 5), st.integers(-5, 5))
+def test_tiled_map_is_periodic(picture, x_m, y_m, tiles_x, tiles_y):
+    rows, columns = picture.cof.shape
+    shifted = picture.cof_at(x_m + tiles_x * columns * picture.pitch_x_m, y_m + tiles_y * rows * picture.pitch_y_m)
+    # 1e-15 m of rounding over a pixel of 1e-4 m, times a step of at most 5 from pixel to pixel
+    assert shifted == pytest.approx(picture.cof_at(x_m, y_m), abs=1e-9)
+
+
+@given(
+    slope_x=st.floats(-5, 5),
+    slope_y=st.floats(-5, 5),
+    rows=st.integers(2, 8),
+    columns=st.integers(2, 8),
+    share_x=st.floats(0, 1),
+    share_y=st.floats(0, 1),
+    corner=st.tuples(positions, positions),
+)
+def test_interpolation_is_exact_on_a_plane(*, slope_x, slope_y, rows, columns, share_x, share_y, corner):
+    pitch_x_m, pitch_y_m = 0.002, 0.003
+    centres_x_m = corner[0] + pitch_x_m * (np.arange(columns) + 0.5)
+    centres_y_m = corner[1] + pitch_y_m * (np.arange(rows) + 0.5)
+    plane = 2.0 + slope_x * centres_x_m[None, :] + slope_y * centres_y_m[:, None]
+    x_m = centres_x_m[0] + share_x * (centres_x_m[-1] - centres_x_m[0])
+    y_m = centres_y_m[0] + share_y * (centres_y_m[-1] - centres_y_m[0])
+    picture = FrictionMap(plane, pitch_x_m, pitch_y_m, *corner)
+    assert picture.cof_at(float(x_m), float(y_m)) == pytest.approx(2.0 + slope_x * x_m + slope_y * y_m, abs=1e-11)
+
+
+def test_map_keeps_a_copy_that_nobody_can_change():
+    values = np.full((2, 2), 0.6)
+    picture = FrictionMap(values, 1e-3, 1e-3)
+    values[:] = 9.0
+    assert picture.cof_at(1e-3, 1e-3) == 0.6
+    with pytest.raises(ValueError, match="read-only"):
+        picture.cof[0, 0] = 9.0
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Uniform(math.nan),
+        lambda: Grating(0.6, math.inf, 0.01),
+        lambda: Grating(0.6, 0.1, 0.0),
+        lambda: Grating(0.6, 0.1, math.nan),
+        lambda: Profile([0.0], [0.6]),
+        lambda: Profile([0.0, 1.0], [0.6]),
+        lambda: Profile([0.0, 0.0], [0.6, 0.6]),
+        lambda: Profile([1.0, 0.0], [0.6, 0.6]),
+        lambda: Profile([0.0, math.nan], [0.6, 0.6]),
+        lambda: Profile([0.0, 1.0], [0.6, math.nan]),
+        lambda: FrictionMap(np.zeros((0, 3)), 1e-3, 1e-3),
+        lambda: FrictionMap(np.zeros(3), 1e-3, 1e-3),
+        lambda: FrictionMap(np.full((2, 2), math.nan), 1e-3, 1e-3),
+        lambda: FrictionMap(np.ones((2, 2)), 0.0, 1e-3),
+        lambda: FrictionMap(np.ones((2, 2)), 1e-3, -1e-3),
+        lambda: FrictionMap(np.ones((2, 2)), 1e-3, 1e-3, origin_x_m=math.nan),
+    ],
+)
+def test_textures_without_meaning_are_refused(make):
+    with pytest.raises(BadInputError) as caught:
+        make()
+    assert caught.value.code == "bad_texture"
+    assert caught.value.hint
+
+
+def finger(x_m, in_contact=True):
+    return FingerState(0.0, x_m, 0.0, 0.0, 0.0, 0.5, in_contact)
+
+
+def test_target_is_the_friction_under_the_finger():
+    assert target(Profile([0.0, 0.1], [0.5, 0.7]), finger(0.05)) == TargetFriction(pytest.approx(0.6), True)
+
+
+@pytest.mark.parametrize("nothing_here", [finger(0.05, in_contact=False), finger(0.2), finger(math.nan)])
+def test_target_is_inactive_without_contact_and_off_the_texture(nothing_here):
+    answer = target(Profile([0.0, 0.1], [0.5, 0.7]), nothing_here)
+    assert answer.active is False
+    assert math.isnan(answer.cof)

@@ -1,0 +1,428 @@
+"""Textures from names and files: what is read, and what is refused with which words."""
+
+import math
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.render.texture import FrictionMap, Grating, Profile, Uniform
+from haptic_driver.textures.library import load_texture, texture_names
+
+SHIPPED = [Path(__file__).parents[3] / "configs" / "textures"]
+MAP = 'kind = "map"\nfile = "{}"\npitch_mm = 2.0\n'
+SCALE = "cof_black = 0.5\ncof_white = 0.7\n"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tmp_path
+
+
+def load(folder, text, name="texture.toml"):
+    (folder / name).write_text(text)
+    return load_texture(str(folder / name), SHIPPED)
+
+
+def refused(folder, text, name="texture.toml"):
+    with pytest.raises(BadInputError) as caught:
+        load(folder, text, name)
+    assert str(folder / name) in caught.value.message
+    return caught.value
+
+
+def map_of(folder, name, more=SCALE):
+    return load(folder, MAP.format(name) + more)
+
+
+def map_refused(folder, name, more=SCALE):
+    error = refused(folder, MAP.format(name) + more)
+    assert f"key 'file': {folder / name}" in error.message
+    return error
+
+
+def png(path, width, height, *, bits, colour_type, chunks=()):
+    """A PNG written by hand; without `chunks` it has a header and no pixels."""
+    header = (b"IHDR", struct.pack(">IIBBBBB", width, height, bits, colour_type, 0, 0, 0))
+    body = b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in (header, *chunks, (b"IEND", b""))
+    )
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + body)
+
+
+class TestShipped:
+    def test_names(self):
+        assert texture_names(SHIPPED) == ["grating", "linen", "ramp", "uniform"]
+
+    def test_uniform(self):
+        assert load_texture("uniform", SHIPPED) == Uniform(0.60)
+
+    def test_grating(self):
+        grating = load_texture("grating", SHIPPED)
+        assert isinstance(grating, Grating)
+        assert grating.cof_at(0.0025, 0.0) == pytest.approx(0.68)
+        assert grating.cof_at(0.0075, 0.0) == pytest.approx(0.56)
+
+    def test_ramp(self):
+        ramp = load_texture("ramp", SHIPPED)
+        assert ramp.cof_at(0.040, 0.0) == pytest.approx(0.625)
+        assert math.isnan(ramp.cof_at(0.081, 0.0))
+
+    def test_linen_is_tiled_weave_that_uses_its_whole_range(self):
+        linen = load_texture("linen", SHIPPED)
+        assert isinstance(linen, FrictionMap)
+        assert linen.cof.shape == (96, 96)
+        assert linen.bounds() == pytest.approx((0.55, 0.70))
+        assert linen.cof_at(0.013, 0.007) == pytest.approx(linen.cof_at(0.013 - 0.024, 0.007 + 0.048))
+
+    @pytest.mark.parametrize("name", ["uniform", "grating", "ramp", "linen"])
+    def test_lies_where_the_default_model_reaches_and_says_what_it_is(self, name):
+        low, high = load_texture(name, SHIPPED).bounds()
+        assert 0.52 <= low <= high <= 0.75
+        assert (SHIPPED[0] / f"{name}.toml").read_text().startswith("# ")
+
+
+class TestNames:
+    def test_unknown_name_gives_the_nearest_and_the_list(self):
+        with pytest.raises(BadInputError, match="no texture 'linnen'") as caught:
+            load_texture("linnen", SHIPPED)
+        assert caught.value.code == "unknown_texture"
+        assert caught.value.hint == "did you mean 'linen'? textures: grating, linen, ramp, uniform"
+
+    @pytest.mark.parametrize("name", ["", ".", "..", "a\0b", "uniform\n", "zzzz"])
+    def test_odd_names_are_unknown(self, name):
+        with pytest.raises(BadInputError) as caught:
+            load_texture(name, SHIPPED)
+        assert caught.value.code == "unknown_texture"
+
+    def test_no_folder_has_no_names(self, folder):
+        assert texture_names([folder / "missing"]) == []
+        with pytest.raises(BadInputError, match="no texture 'uniform'"):
+            load_texture("uniform", [])
+
+    def test_first_folder_wins(self, folder):
+        (folder / "uniform.toml").write_text('kind = "uniform"\ncof = 0.9\n')
+        assert load_texture("uniform", [folder, *SHIPPED]) == Uniform(0.9)
+        assert load_texture("uniform", [*SHIPPED, folder]) == Uniform(0.6)
+
+    def test_name_may_contain_a_dot(self, folder):
+        (folder / "silk.v2.toml").write_text('kind = "uniform"\ncof = 0.9\n')
+        assert load_texture("silk.v2", [folder]) == Uniform(0.9)
+
+    @pytest.mark.parametrize("name", ["gone/linnen.toml", "linnen.toml", "gone/linnen.csv", "gone/linnen"])
+    def test_missing_file(self, name):
+        with pytest.raises(BadInputError, match="does not exist") as caught:
+            load_texture(name, SHIPPED)
+        assert caught.value.code == "file_not_found"
+        assert "'linen'" in caught.value.hint
+
+    @pytest.mark.parametrize("name", ["gone/cloth.png", "cloth.PNG", "cloth.npy"])
+    def test_picture_alone_is_told_what_it_lacks_by_an_example_that_works(self, folder, name):
+        with pytest.raises(BadInputError) as caught:
+            load_texture(name, SHIPPED)
+        assert caught.value.code == "texture_needs_scale"
+        example = caught.value.hint.split("\n", 1)[1]
+        assert len(example.splitlines()) == 5
+        Image.fromarray(np.array([[0, 255]], dtype=np.uint8)).save(folder / "cloth.png")
+        loaded = load(folder, example.replace(Path(name).name, "cloth.png"))
+        np.testing.assert_allclose(loaded.cof, [[0.55, 0.70]])
+
+    def test_other_endings_are_no_textures(self):
+        with pytest.raises(BadInputError, match=r"photo\.jpg is not a texture file"):
+            load_texture("photo.jpg", SHIPPED)
+
+
+class TestDescriptions:
+    def test_grating_in_millimetres_and_degrees(self, folder):
+        text = (
+            'kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 8\ndirection_deg = 90\nphase_deg = 180'
+        )
+        assert load(folder, text) == Grating(0.6, 0.1, 0.008, math.pi / 2, math.pi)
+
+    @pytest.mark.parametrize(
+        ("text", "words"),
+        [
+            ("", "key 'kind' is missing"),
+            ("kind = 3", "kind = '3' is unknown"),
+            ('kind = "uniform"', "key 'cof' is missing"),
+            ('kind = "uniform"\ncof = 0.001', "key 'cof'"),
+            ('kind = "uniform"\ncof = 5.1', "key 'cof'"),
+            ('kind = "uniform"\ncof = nan', "key 'cof'"),
+            ('kind = "uniform"\ncof = inf', "key 'cof'"),
+            ('kind = "uniform"\ncof = "0.6"', "key 'cof'"),
+            ('kind = "uniform"\ncof = 1' + "0" * 400, "key 'cof'"),
+            ('kind = "uniform"\ncof = true', "key 'cof'"),
+            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 0', "key 'period_mm'"),
+            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = -0.1\nperiod_mm = 1', "key 'amplitude_cof'"),
+            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.6\nperiod_mm = 1', "reach 0 to 1.2"),
+            ('kind = "profile"', "key 'file' is missing"),
+            ('kind = "profile"\nfile = ""', "key 'file'"),
+            ('kind = "map"\nfile = "a.png"', "key 'pitch_mm' is missing"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = 0', "key 'pitch_mm'"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = inf', "key 'pitch_mm'"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = [1]', "key 'pitch_mm'"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = [1, -1]', "key 'pitch_mm'"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = 1\norigin_mm = [1, nan]', "key 'origin_mm'"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = 1\norigin_mm = 1', "key 'origin_mm'"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = 1\ntile = 1', "key 'tile'"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = 1\ncof_black = 0.5', "cof_black and cof_white go together"),
+            ("kind = ", "is not TOML"),
+            ("a = " + "[" * 5000, "is not TOML"),
+            ("a = 1" + "0" * 5000, "is not TOML"),
+        ],
+    )
+    def test_fault_is_named_with_file_and_key(self, folder, text, words):
+        error = refused(folder, text)
+        assert error.code == "bad_texture"
+        assert words in error.message
+        assert error.hint
+
+    def test_unknown_kind_and_key_get_the_nearest_match(self, folder):
+        assert "did you mean 'uniform'?" in refused(folder, 'kind = "unifrom"\ncof = 0.6').hint
+        error = refused(folder, 'kind = "uniform"\ncof = 0.6\nperiod = 1\ncoff = 0.6')
+        assert "unknown key 'coff'" in error.message
+        assert "unknown key 'period'" in error.message
+        assert "did you mean 'cof'?" in error.hint
+
+    def test_not_utf8(self, folder):
+        (folder / "texture.toml").write_bytes(b"kind = '\xff'")
+        with pytest.raises(BadInputError, match="not UTF-8"):
+            load_texture(str(folder / "texture.toml"), SHIPPED)
+
+    def test_a_folder_is_no_texture(self, folder):
+        (folder / "texture.toml").mkdir()
+        with pytest.raises(BadInputError):
+            load_texture(str(folder / "texture.toml"), SHIPPED)
+
+
+class TestProfiles:
+    def test_alone(self, folder):
+        profile = load(folder, "# comment\nposition_m , cof, note\n0.0, 0.5, a\n\n0.1, 0.7, b\n", "profile.csv")
+        assert profile == Profile([0.0, 0.1], [0.5, 0.7])
+
+    def test_through_toml_with_byte_order_mark_and_windows_lines(self, folder):
+        (folder / "p.csv").write_bytes(b"\xef\xbb\xbfcof,position_m\r\n0.5,0.0\r\n0.7,0.1\r\n")
+        assert load(folder, 'kind = "profile"\nfile = "p.csv"') == Profile([0.0, 0.1], [0.5, 0.7])
+
+    @pytest.mark.parametrize(
+        ("text", "words"),
+        [
+            ("", "no column 'position_m'"),
+            ("position_m;cof\n0;0.5\n", "no column 'position_m' (its first line: position_m;cof)"),
+            ("position_m,mu\n0,0.5\n", "no column 'cof'"),
+            ("position_m,cof\n", "has 0 points"),
+            ("position_m,cof\n0,0.5\n", "has 1 points"),
+            ("position_m,cof\n0,0.5\n0,0.6\n", "line 3: position_m 0"),
+            ("position_m,cof\n0.2,0.5\n\n0.1,0.6\n", "line 4: position_m 0.1"),
+            ("position_m,cof\n0,0.5\nnan,0.6\n", "line 3: position_m nan"),
+            ("position_m,cof\n0,0.5\ninf,0.6\n", "line 3: position_m inf"),
+            ("position_m,cof\n0,nan\n1,0.6\n", "line 2: cof nan"),
+            ("position_m,cof\n0,0.5\n1,7\n", "line 3: cof 7"),
+            ("position_m,cof\n0,0.5\n1\n", "line 3: 1 values"),
+            ("position_m,cof\n0,0.5\n1,x\n", "line 3: 'x' is no number"),
+        ],
+    )
+    def test_fault_is_named_with_file_and_line(self, folder, text, words):
+        error = refused(folder, text, "profile.csv")
+        assert error.code == "bad_profile"
+        assert words in error.message
+        assert error.hint
+
+    def test_a_field_beyond_all_measure_is_no_csv(self, folder):
+        error = refused(folder, "position_m,cof\n0,0.5\n1," + "9" * 200_000, "profile.csv")
+        assert error.code == "file_unreadable"
+
+    def test_fault_through_toml_names_both_files(self, folder):
+        error = refused(folder, 'kind = "profile"\nfile = "p.csv"')
+        assert error.code == "file_not_found"
+        assert f"key 'file': {folder / 'p.csv'} does not exist" in error.message
+
+
+class TestPictures:
+    def test_8_bit_grey(self, folder):
+        Image.fromarray(np.array([[0, 51], [102, 255]], dtype=np.uint8)).save(folder / "a.png")
+        picture = map_of(folder, "a.png")
+        np.testing.assert_allclose(picture.cof, [[0.5, 0.54], [0.58, 0.7]])
+        assert (picture.pitch_x_m, picture.pitch_y_m) == (0.002, 0.002)
+        assert (picture.origin_x_m, picture.origin_y_m, picture.tile) == (0.0, 0.0, False)
+
+    def test_16_bit_grey(self, folder):
+        Image.fromarray(np.array([[0, 13107, 65535]], dtype=np.uint16)).save(folder / "a.png")
+        np.testing.assert_allclose(map_of(folder, "a.png").cof, [[0.5, 0.54, 0.7]])
+
+    def test_1_bit(self, folder):
+        Image.fromarray(np.array([[0, 255]], dtype=np.uint8)).convert("1").save(folder / "a.png")
+        np.testing.assert_allclose(map_of(folder, "a.png").cof, [[0.5, 0.7]])
+
+    def test_black_may_be_the_higher_friction(self, folder):
+        Image.fromarray(np.array([[0, 255]], dtype=np.uint8)).save(folder / "a.png")
+        np.testing.assert_allclose(map_of(folder, "a.png", "cof_black = 0.7\ncof_white = 0.5\n").cof, [[0.7, 0.5]])
+
+    def test_pitch_origin_and_tile(self, folder):
+        Image.fromarray(np.array([[0, 255]], dtype=np.uint8)).save(folder / "a.png")
+        placed = SCALE + "origin_mm = [10, -20.0]\ntile = true\n"
+        picture = load(folder, MAP.format("a.png").replace("2.0", "[2.0, 3]") + placed)
+        assert (picture.pitch_x_m, picture.pitch_y_m) == (0.002, 0.003)
+        assert (picture.origin_x_m, picture.origin_y_m, picture.tile) == (0.010, -0.020, True)
+
+    @pytest.mark.parametrize("mode", ["RGB", "RGBA", "LA", "P"])
+    def test_grey_saved_as_opaque_colour_is_grey(self, folder, mode):
+        Image.fromarray(np.array([[0, 51, 255]], dtype=np.uint8)).convert(mode).save(folder / "a.png")
+        np.testing.assert_allclose(map_of(folder, "a.png").cof, [[0.5, 0.54, 0.7]])
+
+    def test_colour_is_refused_with_its_place(self, folder):
+        Image.fromarray(np.array([[[9, 9, 9], [9, 8, 9]]], dtype=np.uint8)).save(folder / "a.png")
+        error = map_refused(folder, "a.png")
+        assert error.code == "bad_image"
+        assert "colour, first at row 0, column 1" in error.message
+
+    @pytest.mark.parametrize("mode", ["LA", "RGBA"])
+    def test_transparency_is_refused(self, folder, mode):
+        image = Image.fromarray(np.array([[9, 9]], dtype=np.uint8)).convert(mode)
+        image.putalpha(254)
+        image.save(folder / "a.png")
+        assert "transparent" in map_refused(folder, "a.png").message
+
+    @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+    def test_transparent_grey_level_is_refused(self, folder, dtype):
+        Image.fromarray(np.array([[0, 9]], dtype=dtype)).save(folder / "a.png", transparency=9)
+        assert "transparent" in map_refused(folder, "a.png").message
+
+    def test_16_bit_colour_is_refused_rather_than_read_as_8_bit(self, folder):
+        pixels = zlib.compress(b"\0" + struct.pack(">HHH", 700, 700, 700))
+        png(folder / "a.png", 1, 1, bits=16, colour_type=2, chunks=[(b"IDAT", pixels)])
+        assert "16-bit picture with colour" in map_refused(folder, "a.png").message
+
+    def test_huge_picture_is_refused_before_it_is_unpacked(self, folder):
+        png(folder / "a.png", 8001, 8000, bits=8, colour_type=0)
+        error = map_refused(folder, "a.png")
+        assert error.code == "map_too_large"
+        assert "8001 x 8000" in error.message
+
+    def test_empty_picture(self, folder):
+        png(folder / "a.png", 0, 5, bits=8, colour_type=0)
+        assert "is empty" in map_refused(folder, "a.png").message
+
+    @pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff\xe0 a photo", b"GIF89a" + b"0" * 40])
+    def test_something_else_is_no_png(self, folder, content):
+        (folder / "a.png").write_bytes(content)
+        error = map_refused(folder, "a.png")
+        assert error.code == "bad_image"
+        assert "not a PNG" in error.message
+
+    def test_picture_cut_off_is_damaged(self, folder):
+        content = (SHIPPED[0] / "linen.png").read_bytes()
+        (folder / "a.png").write_bytes(content[: len(content) // 2])
+        assert "is damaged" in map_refused(folder, "a.png").message
+
+    def test_missing_picture(self, folder):
+        assert map_refused(folder, "a.png").code == "file_not_found"
+
+    def test_picture_without_scale(self, folder):
+        error = refused(folder, MAP.format("a.png"))
+        assert error.code == "texture_needs_scale"
+        assert "'cof_black' and 'cof_white'" in error.message
+
+    def test_other_kinds_of_file_are_refused(self, folder):
+        assert "cannot be a '.jpg' file" in refused(folder, MAP.format("a.jpg") + SCALE).message
+
+
+class TestArrays:
+    def test_npy_of_cof(self, folder):
+        np.save(folder / "a.npy", np.array([[0.5, 0.6], [0.7, 0.8]], dtype=np.float32))
+        np.testing.assert_allclose(map_of(folder, "a.npy", "").cof, [[0.5, 0.6], [0.7, 0.8]], rtol=1e-7)
+
+    def test_npy_with_scale(self, folder):
+        np.save(folder / "a.npy", np.asfortranarray([[0.0, 0.25, 1.0], [1.0, 0.0, 0.0]]))
+        np.testing.assert_allclose(map_of(folder, "a.npy").cof, [[0.5, 0.55, 0.7], [0.7, 0.5, 0.5]])
+
+    def test_csv_of_cof_and_with_scale(self, folder):
+        (folder / "a.csv").write_text("# corner of a cloth\n0.5, 1.0\n0.25,0.75\n")
+        np.testing.assert_allclose(map_of(folder, "a.csv", "").cof, [[0.5, 1.0], [0.25, 0.75]])
+        np.testing.assert_allclose(map_of(folder, "a.csv").cof, [[0.6, 0.7], [0.55, 0.65]])
+
+    @pytest.mark.parametrize(
+        ("array", "more", "words"),
+        [
+            ([[0.5, math.nan]], "", "nan at row 0, column 1"),
+            ([[0.5], [6.0]], "", "6 at row 1, column 0"),
+            ([[0.5, -0.1]], SCALE, "-0.1 at row 0, column 1"),
+            ([[0, 255]], SCALE, "255 at row 0, column 1"),
+            ([0.5, 0.6], "", "not a table"),
+            ([[0.5j]], "", "not a table"),
+            ([["a"]], "", "not a table"),
+            (np.zeros((0, 3)), "", "is empty"),
+            (np.array([[None]]), "", "not a numpy array"),
+        ],
+    )
+    def test_npy_fault_is_named_with_its_place(self, folder, array, more, words):
+        np.save(folder / "a.npy", np.array(array), allow_pickle=True)
+        error = map_refused(folder, "a.npy", more)
+        assert error.code == "bad_map"
+        assert words in error.message
+
+    def test_npy_whose_header_asks_for_all_memory(self, folder):
+        np.save(folder / "a.npy", np.zeros((1, 1)))
+        content = (folder / "a.npy").read_bytes().replace(b"(1, 1), }" + b" " * 20, b"(10000000000, 10000000000), }")
+        (folder / "a.npy").write_bytes(content)
+        assert "not a numpy array" in map_refused(folder, "a.npy").message
+
+    @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut off", b"\x93NUMPY", b"\x80\x04."])
+    def test_something_else_is_no_array(self, folder, content):
+        (folder / "a.npy").write_bytes(content)
+        error = map_refused(folder, "a.npy")
+        assert error.code == "bad_map"
+        assert "not a numpy array" in error.message
+
+    def test_npz_under_another_name(self, folder):
+        np.savez(folder / "a.npz", np.ones((2, 2)))
+        (folder / "a.npz").rename(folder / "a.npy")
+        assert "not a table" in map_refused(folder, "a.npy").message
+
+    @pytest.mark.parametrize(
+        ("text", "words"),
+        [
+            ("", "no rows"),
+            ("0.5,0.6\n0.5\n", "unequal length"),
+            ("a,b\n0.5,0.6\n", "line 1: 'a' is no number"),
+            ("0.5,\n", "line 1: '' is no number"),
+            ("0.5,nan\n", "nan at row 0, column 1"),
+        ],
+    )
+    def test_csv_fault_is_named(self, folder, text, words):
+        (folder / "a.csv").write_text(text)
+        error = map_refused(folder, "a.csv", "")
+        assert error.code == "bad_map"
+        assert words in error.message
+
+
+DAMAGE = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=4)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(damage=DAMAGE, keep=st.floats(0, 1), suffix=st.sampled_from(["png", "16.png", "npy", "csv"]))
+def test_a_damaged_file_loads_or_is_refused_and_nothing_else(folder, damage, keep, suffix):
+    name = f"a.{suffix}"
+    grey = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    if suffix == "npy":
+        np.save(folder / name, grey / 255)
+    elif suffix == "csv":
+        np.savetxt(folder / name, grey / 255, delimiter=",")
+    else:
+        Image.fromarray(grey if suffix == "png" else grey.astype(np.uint16) * 257).save(folder / name)
+    content = bytearray((folder / name).read_bytes())
+    for place, byte in damage:
+        content[int(place**3 * len(content))] = byte  # mostly in the header
+    (folder / name).write_bytes(content[: math.ceil(len(content) * min(1.0, 2 * keep))])
+    try:
+        picture = map_of(folder, name)
+    except BadInputError:
+        return
+    assert np.all((picture.cof >= 0.5 - 1e-12) & (picture.cof <= 0.7 + 1e-12))
