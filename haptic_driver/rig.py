@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from math import pi
 
 from haptic_driver.config import RigConfig
 from haptic_driver.errors import HapticError
@@ -46,12 +47,13 @@ class Rig:
     """
 
     def __init__(
-        self, generator: Agilent33220A, amplifier: AnalogAmplifier, force_sensor: ForceSensor, interval_s: float
+        self, config: RigConfig, generator: Agilent33220A, amplifier: AnalogAmplifier, force_sensor: ForceSensor
     ) -> None:
         self._generator = generator
         self._amplifier = amplifier
         self._force_sensor = force_sensor
-        self._interval_s = interval_s
+        self._interval_s = config.output.setpoint_interval_s
+        self._panel_capacitance_f = config.limits.panel_capacitance_f
         self._written_s: float | None = None
         self._on = False
 
@@ -70,7 +72,9 @@ class Rig:
         due = self._written_s is None or time_s - self._written_s >= self._interval_s * (1.0 - 1e-6)
         if self._on and not due:
             return
+        panel_current_a = 2.0 * pi * command.frequency_hz * command.voltage_v * self._panel_capacitance_f
         with self._safe():
+            self._amplifier.check_drive(command.frequency_hz, command.voltage_v, panel_current_a)
             self._generator.set_point(command.frequency_hz, command.voltage_v)
             self._written_s = time_s
             if not self._on:
@@ -131,6 +135,4 @@ def build_rig(
         slew_limit_v_per_s=amplifier.slew_limit_v_per_s,
         voltage_monitor_v_per_v=amplifier.voltage_monitor_v_per_v,
     )
-    return Rig(
-        generator, AnalogAmplifier(settings, enable, voltage_monitor), force_sensor, config.output.setpoint_interval_s
-    )
+    return Rig(config, generator, AnalogAmplifier(settings, enable, voltage_monitor), force_sensor)

@@ -1,0 +1,49 @@
+"""What can go wrong with a device, in terms a caller can act on."""
+
+# ruff: noqa: N818 - the names say what happened; `Error` adds nothing
+
+from __future__ import annotations
+
+
+class DeviceError(Exception):
+    """A device failed; `message` says what and where (the resource), `hint` says what to do.
+
+    `code` is stable text for programs, one per class.
+    """
+
+    code = "device_error"
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+
+
+class DeviceTimeout(DeviceError):
+    """No complete answer came in time; whether the command was carried out is unknown."""
+
+    code = "device_timeout"
+
+
+class DeviceDisconnected(DeviceError):
+    """The connection is closed, refused or lost; whether the last command was carried out is unknown."""
+
+    code = "device_disconnected"
+
+
+class BadReply(DeviceError):
+    """The answer is garbage, belongs to another kind of instrument, or contradicts what was set."""
+
+    code = "bad_reply"
+
+
+class LimitExceeded(DeviceError):
+    """Refused before anything was sent to the device."""
+
+    code = "limit_exceeded"
+
+
+class InstrumentRejected(DeviceError):
+    """The instrument understood the dialogue and posted an error of its own."""
+
+    code = "instrument_rejected"

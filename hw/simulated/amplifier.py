@@ -1,0 +1,69 @@
+"""A high-voltage amplifier that clips, with an enable line, a voltage monitor and a memory of the worst."""
+
+from __future__ import annotations
+
+import threading
+
+from hw.simulated.waveform_generator import TerminalOutput
+
+
+class SimulatedAmplifier:
+    """Turns what the generator puts out into the voltage at the electrode.
+
+    Itself the far end of an amplifier's lines: `write` and `read` are the enable line (a digital output),
+    `read_v` is the voltage monitor (an analog input). Its history does not forget: `max_voltage_v` is the
+    highest peak ever at the electrode, `output_on_s` the time with any voltage on it. Thread-safe.
+    """
+
+    def __init__(
+        self,
+        gain_v_per_v: float,
+        voltage_limit_v: float,
+        *,
+        voltage_monitor_v_per_v: float = 0.01,
+        enabled: bool = False,
+    ) -> None:
+        self._gain_v_per_v = gain_v_per_v
+        self._voltage_limit_v = voltage_limit_v
+        self._voltage_monitor_v_per_v = voltage_monitor_v_per_v
+        self._enabled = enabled
+        self._input_v = 0.0
+        self._lock = threading.Lock()
+        self.max_voltage_v = 0.0
+        self.output_on_s = 0.0
+
+    @property
+    def voltage_v(self) -> float:
+        """Peak voltage at the electrode now, offset included."""
+        return min(self._gain_v_per_v * self._input_v, self._voltage_limit_v) if self._enabled else 0.0
+
+    def drive(self, output: TerminalOutput) -> float:
+        """Take the generator's output as input; return the peak voltage at the electrode."""
+        with self._lock:
+            self._input_v = output.amplitude_v + abs(output.offset_v) if output.on else 0.0
+            return self._note()
+
+    def step(self, dt_s: float, output: TerminalOutput) -> float:
+        """Hold the generator's output for `dt_s` of simulated time; return the peak voltage at the electrode."""
+        voltage_v = self.drive(output)
+        with self._lock:
+            self.output_on_s += dt_s if voltage_v > 0.0 else 0.0
+        return voltage_v
+
+    def write(self, value: bool, /) -> None:
+        """Set the enable line."""
+        with self._lock:
+            self._enabled = value
+            self._note()
+
+    def read(self) -> bool:
+        """Return the level of the enable line."""
+        return self._enabled
+
+    def read_v(self) -> float:
+        """Return the voltage monitor's reading of the peak, V."""
+        return self.voltage_v * self._voltage_monitor_v_per_v
+
+    def _note(self) -> float:
+        self.max_voltage_v = max(self.max_voltage_v, self.voltage_v)
+        return self.voltage_v

@@ -1,0 +1,100 @@
+"""Serves a simulated instrument on a loopback TCP port, as a LAN instrument's socket does."""
+
+from __future__ import annotations
+
+import socket
+import socketserver
+import threading
+from contextlib import suppress
+from types import TracebackType
+from typing import Any, Self
+
+from hw.simulated.faults import Disconnect
+from hw.transport.memory import Responder
+
+_MAX_LINE_BYTES = 1 << 20
+_POLL_S = 0.05
+
+
+class TcpServer:
+    r"""One instrument on 127.0.0.1, any number of connections, a thread each; messages end with `\n`.
+
+    The port is bound when the object is made (`port` 0: a free one); it answers between `start` and `close`,
+    or inside a `with` block.
+    """
+
+    def __init__(self, core: Responder, port: int = 0) -> None:
+        self._server = _Server(core, port)
+        self.host, self.port = "127.0.0.1", int(self._server.server_address[1])
+        self.resource = f"TCPIP::{self.host}::{self.port}::SOCKET"
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, args=(_POLL_S,), name=f"serve {self.resource}", daemon=True
+        )
+
+    def start(self) -> None:
+        """Begin to answer."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Hang up on everyone and free the port; returns when all threads have ended."""
+        if self._thread.is_alive():
+            self._server.shutdown()
+            self._thread.join()
+        self._server.hang_up()
+        self._server.server_close()
+
+    def __enter__(self) -> Self:
+        """Start."""
+        self.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+
+class _Server(socketserver.ThreadingTCPServer):
+    allow_reuse_address = True
+
+    def __init__(self, core: Responder, port: int) -> None:
+        self.core = core
+        self._connections: dict[Any, threading.Thread] = {}
+        self._lock = threading.Lock()
+        super().__init__(("127.0.0.1", port), _Connection)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        # A daemon, so that a server left open never keeps the interpreter alive; `hang_up` waits for it.
+        thread = threading.Thread(target=self.process_request_thread, args=(request, client_address), daemon=True)
+        with self._lock:
+            self._connections[request] = thread
+        thread.start()
+
+    def shutdown_request(self, request: Any) -> None:
+        with self._lock:
+            self._connections.pop(request, None)
+            super().shutdown_request(request)
+
+    def hang_up(self) -> None:
+        with self._lock:
+            connections = dict(self._connections)
+            for connection in connections:
+                with suppress(OSError):
+                    connection.shutdown(socket.SHUT_RDWR)
+        for thread in connections.values():
+            thread.join()
+
+
+class _Connection(socketserver.StreamRequestHandler):
+    server: _Server
+    disable_nagle_algorithm = True
+
+    def handle(self) -> None:
+        with suppress(OSError):  # the client is gone, or close() was called
+            while (line := self.rfile.readline(_MAX_LINE_BYTES)).endswith(b"\n"):
+                try:
+                    self.wfile.write(self.server.core.handle(line))
+                except Disconnect as goodbye:
+                    self.wfile.write(goodbye.sent)
+                    return

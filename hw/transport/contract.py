@@ -1,0 +1,188 @@
+"""The byte-level contract that every way to reach an instrument keeps."""
+
+from __future__ import annotations
+
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
+
+
+class Transport(ABC):
+    """Bytes to and from one instrument, one dialogue at a time.
+
+    One re-entrant lock is held over a whole query; `exchange` lends it to a caller who needs several
+    queries undisturbed. Deadlines are monotonic. A query that did not end cleanly (timeout, disconnect,
+    bytes too many) leaves the transport `dirty`, and the next write first calls `clear`: a late answer is
+    never given to the next question.
+
+    Implementations supply `_connect`, `_disconnect`, `_send`, `_receive` and `_discard_input`; all run
+    under the lock, and `deadline_s` is on the scale of `clock`.
+    """
+
+    def __init__(
+        self,
+        resource: str,
+        *,
+        open_timeout_s: float = 3.0,
+        write_timeout_s: float = 3.0,
+        max_reply_bytes: int = 1 << 20,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.resource = resource
+        self._open_timeout_s = open_timeout_s
+        self._write_timeout_s = write_timeout_s
+        self._max_reply_bytes = max_reply_bytes
+        self._clock = clock
+        self._lock = threading.RLock()
+        self._received = bytearray()
+        self._is_open = False
+        self._dirty = False
+
+    @property
+    def dirty(self) -> bool:
+        """True when bytes of an unfinished dialogue may still arrive."""
+        return self._dirty
+
+    def mark_dirty(self) -> None:
+        """Distrust the dialogue so far, e.g. after an answer that makes no sense."""
+        self._dirty = True
+
+    @contextmanager
+    def exchange(self, timeout_s: float | None = None) -> Iterator[None]:
+        """Hold the transport's lock; wait for it at most `timeout_s`, or as long as it takes.
+
+        Raises DeviceTimeout when another thread keeps the lock.
+        """
+        if not self._lock.acquire(timeout=-1 if timeout_s is None else timeout_s):
+            raise DeviceTimeout(
+                f"{self.resource} has been busy for {timeout_s:g} s",
+                "another thread holds it; try again or disconnect it",
+            )
+        try:
+            yield
+        finally:
+            self._lock.release()
+
+    def open(self) -> None:
+        """Connect; does nothing when already open. Raises DeviceDisconnected or DeviceTimeout."""
+        with self._lock:
+            if not self._is_open:
+                self._connect(self._clock() + self._open_timeout_s)
+                self._received.clear()
+                self._is_open, self._dirty = True, False
+
+    def close(self) -> None:
+        """Disconnect; never fails, does nothing when already closed."""
+        with self._lock:
+            self._disconnect()
+            self._is_open = False
+
+    def clear(self) -> None:
+        """Forget everything under way, so that the next answer belongs to the next question."""
+        self._clear(self._clock() + self._open_timeout_s)
+
+    def write(self, data: bytes) -> None:
+        """Send bytes as they are. Raises DeviceDisconnected or DeviceTimeout."""
+        self._write(data, self._clock() + self._write_timeout_s)
+
+    def read_until(self, terminator: bytes, timeout_s: float) -> bytes:
+        """Return the bytes before `terminator`, which is consumed.
+
+        Raises DeviceTimeout, DeviceDisconnected, or BadReply when the line has no end.
+        """
+        return self._read_until(terminator, self._clock() + timeout_s)
+
+    def read_exactly(self, count: int, timeout_s: float) -> bytes:
+        """Return exactly `count` bytes. Raises DeviceTimeout or DeviceDisconnected."""
+        deadline_s = self._clock() + timeout_s
+        with self._unfinished():
+            while len(self._received) < count:
+                self._received += self._receive(deadline_s)
+            return self._take(count)
+
+    def query(self, line: bytes, timeout_s: float) -> bytes:
+        r"""Send `line` and return the answer without its `\n`; `timeout_s` covers all of it.
+
+        Raises what `write` and `read_until` raise; then the transport is dirty.
+        """
+        with self._lock:
+            deadline_s = self._clock() + timeout_s
+            self._write(line, deadline_s)
+            return self._read_until(b"\n", deadline_s)
+
+    @abstractmethod
+    def _connect(self, deadline_s: float) -> None:
+        """Establish the connection, free of old bytes."""
+
+    @abstractmethod
+    def _disconnect(self) -> None:
+        """Drop the connection, if any; never raises."""
+
+    @abstractmethod
+    def _send(self, data: bytes, deadline_s: float) -> None:
+        """Send all of `data`."""
+
+    @abstractmethod
+    def _receive(self, deadline_s: float) -> bytes:
+        """Wait for at least one byte; raises DeviceTimeout or DeviceDisconnected, never returns none."""
+
+    @abstractmethod
+    def _discard_input(self) -> None:
+        """Throw away, without waiting, what has arrived unasked."""
+
+    def _clear(self, deadline_s: float) -> None:
+        """Start again on a fresh connection; bytes still under way belong to the old one."""
+        with self._lock:
+            self._check_open()
+            self._dirty = True
+            self._disconnect()
+            self._connect(deadline_s)
+            self._received.clear()
+            self._dirty = False
+
+    def _write(self, data: bytes, deadline_s: float) -> None:
+        with self._lock:
+            self._check_open()
+            if self._dirty:
+                self._clear(deadline_s)
+            with self._unfinished():
+                self._received.clear()
+                self._discard_input()
+                self._send(data, deadline_s)
+
+    def _read_until(self, terminator: bytes, deadline_s: float) -> bytes:
+        with self._unfinished():
+            searched = 0
+            while (end := self._received.find(terminator, searched)) < 0:
+                if len(self._received) > self._max_reply_bytes:
+                    raise BadReply(
+                        f"{self.resource} sent {len(self._received)} bytes without a line end",
+                        "check that this is the instrument, not another service",
+                    )
+                searched = max(0, len(self._received) - len(terminator) + 1)
+                self._received += self._receive(deadline_s)
+            return self._take(end + len(terminator))[: -len(terminator)]
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise DeviceDisconnected(f"{self.resource} is not open", "call open() first")
+
+    def _take(self, count: int) -> bytes:
+        taken = bytes(self._received[:count])
+        del self._received[:count]
+        return taken
+
+    @contextmanager
+    def _unfinished(self) -> Iterator[None]:
+        """Hold the lock; whatever ends the block early (an interrupt too) leaves the transport dirty."""
+        with self._lock:
+            self._check_open()
+            try:
+                yield
+            except BaseException:
+                self._dirty = True
+                raise

@@ -1,0 +1,114 @@
+"""A raw TCP socket: newline-terminated SCPI, port 5025 on most LAN instruments."""
+
+from __future__ import annotations
+
+import re
+import socket
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+from hw.errors import DeviceDisconnected, DeviceTimeout
+from hw.transport.contract import Transport
+
+_CHUNK_BYTES = 1 << 16
+_RESOURCE = re.compile(r"TCPIP\d*::(?P<host>[^:]+)::(?P<port>\d{1,5})::SOCKET", re.IGNORECASE)
+
+
+class TcpTransport(Transport):
+    """Transport over one TCP connection; clearing means reconnecting, since a stream has no message bounds."""
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        *,
+        open_timeout_s: float = 3.0,
+        max_reply_bytes: int = 1 << 20,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__(
+            f"TCPIP::{host}::{port}::SOCKET",
+            open_timeout_s=open_timeout_s,
+            max_reply_bytes=max_reply_bytes,
+            clock=clock,
+        )
+        self._address = (host, port)
+        self._socket: socket.socket | None = None
+
+    @classmethod
+    def from_resource(cls, resource: str) -> TcpTransport:
+        """Build from `TCPIP::host::port::SOCKET`; raises ValueError for anything else."""
+        match = _RESOURCE.fullmatch(resource.strip())
+        if match is None:
+            raise ValueError(f"{resource!r} is not of the form TCPIP::host::port::SOCKET")
+        return cls(match["host"], int(match["port"]))
+
+    def _connect(self, deadline_s: float) -> None:
+        try:
+            connection = socket.create_connection(self._address, timeout=self._remaining_s(deadline_s))
+        except TimeoutError:
+            raise self._timeout("could not be reached") from None
+        except OSError as error:
+            raise self._lost(f"cannot be reached ({error})") from error
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket = connection
+
+    def _disconnect(self) -> None:
+        if self._socket is not None:
+            with suppress(OSError):
+                self._socket.close()
+            self._socket = None
+
+    def _send(self, data: bytes, deadline_s: float) -> None:
+        connection = self._connected()
+        connection.settimeout(self._remaining_s(deadline_s))
+        try:
+            connection.sendall(data)
+        except TimeoutError:
+            raise self._timeout("did not take the command") from None
+        except OSError as error:
+            raise self._lost(f"was lost while sending ({error})") from error
+
+    def _receive(self, deadline_s: float) -> bytes:
+        connection = self._connected()
+        connection.settimeout(self._remaining_s(deadline_s))
+        try:
+            data = connection.recv(_CHUNK_BYTES)
+        except TimeoutError:
+            raise self._timeout("did not answer") from None
+        except OSError as error:
+            raise self._lost(f"was lost while waiting for the answer ({error})") from error
+        if not data:
+            raise self._lost("closed the connection")
+        return data
+
+    def _discard_input(self) -> None:
+        connection = self._connected()
+        connection.setblocking(False)
+        while True:
+            try:
+                data = connection.recv(_CHUNK_BYTES)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                raise self._lost(f"was lost ({error})") from error
+            if not data:
+                raise self._lost("closed the connection")
+
+    def _connected(self) -> socket.socket:
+        if self._socket is None:
+            raise self._lost("is not connected")
+        return self._socket
+
+    def _remaining_s(self, deadline_s: float) -> float:
+        remaining_s = deadline_s - self._clock()
+        if remaining_s <= 0.0:
+            raise self._timeout("did not answer")
+        return remaining_s
+
+    def _timeout(self, what: str) -> DeviceTimeout:
+        return DeviceTimeout(f"{self.resource} {what} in time", "check that it is on and not busy; then try again")
+
+    def _lost(self, what: str) -> DeviceDisconnected:
+        return DeviceDisconnected(f"{self.resource} {what}", "check power, cable and address")

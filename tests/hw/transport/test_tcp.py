@@ -1,0 +1,26 @@
+from __future__ import annotations
+
+import socket
+
+import pytest
+
+from hw.errors import DeviceDisconnected
+from hw.transport.tcp import TcpTransport
+
+
+def test_a_refused_connection_is_a_disconnect_at_open() -> None:
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = unused.getsockname()[1]
+    with pytest.raises(DeviceDisconnected, match=f"TCPIP::127.0.0.1::{port}::SOCKET cannot be reached"):
+        TcpTransport("127.0.0.1", port).open()
+
+
+def test_resource_strings_are_read_and_written_alike() -> None:
+    assert TcpTransport.from_resource("TCPIP0::192.0.2.7::5025::SOCKET").resource == "TCPIP::192.0.2.7::5025::SOCKET"
+
+
+@pytest.mark.parametrize("resource", ["USB0::1::2::INSTR", "TCPIP::host::INSTR", "", "TCPIP::h::5025::SOCKET::x"])
+def test_other_resources_are_refused(resource: str) -> None:
+    with pytest.raises(ValueError, match="TCPIP::host::port::SOCKET"):
+        TcpTransport.from_resource(resource)
