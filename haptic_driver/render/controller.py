@@ -13,6 +13,7 @@ import numpy as np
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.surface import (
+    LOG_FREQUENCY,
     MERIT_AUTHORITY,
     MERIT_CURRENT,
     MERIT_VOLTAGE,
@@ -46,7 +47,7 @@ class ControllerSettings:
 
     def __post_init__(self) -> None:
         """Refuse settings under which no frequency could be chosen."""
-        low, high = np.exp(self.surface.log_frequency[[0, -1]])
+        low, high = np.exp(self.surface.axes[LOG_FREQUENCY, :2])
         if self.policy not in POLICIES:
             raise BadInputError("bad_policy", f"there is no policy '{self.policy}'", f"Known: {', '.join(POLICIES)}")
         if self.policy == "fixed_frequency":
@@ -65,8 +66,8 @@ class ControllerSettings:
     def band(self) -> tuple[int, int]:
         """First and one past the last frequency node that the policy may use."""
         lowest = CARRIER_BAND_HZ if self.policy == "carrier" else self.lowest_carrier_hz
-        log_f = self.surface.log_frequency
-        return int(np.searchsorted(log_f, np.log(lowest) - 1e-9)), log_f.size
+        nodes = self.surface.nodes(LOG_FREQUENCY)
+        return int(np.searchsorted(nodes, np.log(lowest) - 1e-9)), nodes.size
 
     @property
     def merit(self) -> int:
@@ -88,7 +89,7 @@ class Controller:
 
     def __init__(self, settings: ControllerSettings) -> None:
         self.settings = settings
-        self._frequencies = [float(f) for f in np.exp(settings.surface.log_frequency)]
+        self._frequencies = [float(f) for f in np.exp(settings.surface.nodes(LOG_FREQUENCY))]
         self._band = settings.band
         self._merit = settings.merit
         self._fixed = settings.fixed_frequency_hz if settings.policy == "fixed_frequency" else None

@@ -1,8 +1,8 @@
 """Look-up and inversion of the surface: the compiled part of a tick.
 
-All kernels and the constants they use stand in this file, so that their compiled cache notices every change. Axes are
-uniform in log frequency, log normal force and voltage; between nodes everything is linear, outside it is clamped and
-never extrapolated.
+Axes are uniform in log frequency, log normal force and voltage; between nodes everything is linear, outside it is
+clamped and never extrapolated. All kernels and the constants they use stand in this file, so that their compiled cache
+notices every change.
 """
 
 from __future__ import annotations
@@ -19,20 +19,29 @@ Bits = NDArray[np.int64]
 MERIT_AUTHORITY, MERIT_VOLTAGE, MERIT_CURRENT = 0, 1, 2
 
 
+LOG_FREQUENCY, LOG_NORMAL_FORCE, VOLTAGE = 0, 1, 2  # rows of `Surface.axes`
+
+
 class Surface(NamedTuple):
     """A surface made ready for look-up, limits of the rig applied.
 
-    `cof` and `current_rms_a` are [frequency, normal force, voltage]; `voltage_limit_v` [frequency, normal force] is the
-    largest voltage that every limit and mask allows there; `stuck_current_a_per_v` [frequency].
+    `axes` [3, 3]: first node, last node and number of cells of each axis, in the order of the arrays. `cof` and
+    `current_rms_a` are [frequency, normal force, voltage]; `voltage_limit_v` [frequency, normal force] is the largest
+    voltage that every limit and mask allows there; `stuck_current_a_per_v` [frequency].
+
+    Kernels take the arrays one by one: a compiled call costs 0.1 us per array, and several times that for a record.
     """
 
-    log_frequency: Array
-    log_normal_force: Array
-    voltage_v: Array
+    axes: Array
     cof: Array
     current_rms_a: Array
     stuck_current_a_per_v: Array
     voltage_limit_v: Array
+
+    def nodes(self, axis: int) -> Array:
+        """The nodes of one axis."""
+        first, last, cells = self.axes[axis]
+        return np.linspace(first, last, int(cells) + 1)
 
 
 class Inverse(NamedTuple):
@@ -53,28 +62,20 @@ def cof_at(surface: Surface, frequency_hz: Array, voltage_v: Array, normal_force
     """
     f, v, n = (np.ascontiguousarray(x, dtype=np.float64).ravel() for x in (frequency_hz, voltage_v, normal_force_n))
     out = np.empty(f.shape)
-    _cof_many(surface, _LOG2_TABLE, f, f.view(np.int64), n, n.view(np.int64), v, out)
+    _cof_many(surface.axes, surface.cof, _LOG2_TABLE, f, f.view(np.int64), n, n.view(np.int64), v, out)
     return out.reshape(np.shape(frequency_hz))
 
 
-@numba.njit(cache=True, nogil=True)
 def cof_scalar(surface: Surface, frequency_hz: float, voltage_v: float, normal_force_n: float) -> float:
     """Friction at one point; clamped to the surface."""
-    i, a = _locate(surface.log_frequency, np.log(frequency_hz))
-    j, b = _locate(surface.log_normal_force, np.log(normal_force_n))
-    k, c = _locate(surface.voltage_v, voltage_v)
-    return float(_trilinear(surface.cof, i, a, j, b, k, c))
+    return _cof_one(surface.axes, surface.cof, frequency_hz, voltage_v, normal_force_n)
 
 
-@numba.njit(cache=True, nogil=True)
 def invert(surface: Surface, target_cof: float, frequency_hz: float, normal_force_n: float) -> Inverse:
     """The smallest voltage that gives `target_cof` at that frequency and load, clamped to what is reachable there."""
-    i, a = _locate(surface.log_frequency, np.log(frequency_hz))
-    j, b = _locate(surface.log_normal_force, np.log(normal_force_n))
-    return _invert(surface, target_cof, i, a, j, b)
+    return Inverse(*_invert_one(*surface, target_cof, frequency_hz, normal_force_n))
 
 
-@numba.njit(cache=True, nogil=True)
 def best_frequency(
     surface: Surface, target_cof: float, normal_force_n: float, first: int, stop: int, merit: int
 ) -> int:
@@ -82,72 +83,100 @@ def best_frequency(
 
     Where no node reaches the target, the one with most authority.
     """
-    j, b = _locate(surface.log_normal_force, np.log(normal_force_n))
+    return _best_frequency(*surface, target_cof, normal_force_n, first, stop, merit)
+
+
+@numba.njit(cache=True, nogil=True)
+def _cof_one(axes: Array, cof: Array, frequency_hz: float, voltage_v: float, normal_force_n: float) -> float:
+    i, a = _locate(axes[LOG_FREQUENCY], np.log(frequency_hz))
+    j, b = _locate(axes[LOG_NORMAL_FORCE], np.log(normal_force_n))
+    k, c = _locate(axes[VOLTAGE], voltage_v)
+    return float(_trilinear(cof, i, a, j, b, k, c))
+
+
+@numba.njit(cache=True, nogil=True)
+def _invert_one(
+    axes: Array, cof: Array, current: Array, stuck: Array, limit: Array,
+    target_cof: float, frequency_hz: float, normal_force_n: float,
+) -> tuple[float, float, float, float, float, float]:  # fmt: skip
+    i, a = _locate(axes[LOG_FREQUENCY], np.log(frequency_hz))
+    j, b = _locate(axes[LOG_NORMAL_FORCE], np.log(normal_force_n))
+    return _invert(axes, cof, current, stuck, limit, target_cof, i, a, j, b)
+
+
+@numba.njit(cache=True, nogil=True)
+def _best_frequency(
+    axes: Array, cof: Array, current: Array, stuck: Array, limit: Array,
+    target_cof: float, normal_force_n: float, first: int, stop: int, merit: int,
+) -> int:  # fmt: skip
+    j, b = _locate(axes[LOG_NORMAL_FORCE], np.log(normal_force_n))
     best, most = first, -1.0
     best_reaching, least = -1, np.inf
     for i in range(first, stop):
-        k, c = _locate(surface.voltage_v, _voltage_limit(surface, i, 0.0, j, b))
-        high = _trilinear(surface.cof, i, 0.0, j, b, k, c)
+        k, c = _locate(axes[VOLTAGE], _voltage_limit(limit, i, 0.0, j, b))
+        high = _trilinear(cof, i, 0.0, j, b, k, c)
         if high > most:
             best, most = i, high
         if merit != MERIT_AUTHORITY and high >= target_cof:
-            inverse = _invert(surface, target_cof, i, 0.0, j, b)
-            cost = inverse.voltage_v if merit == MERIT_VOLTAGE else inverse.current_rms_a
+            voltage, _, drawn, _, _, _ = _invert(axes, cof, current, stuck, limit, target_cof, i, 0.0, j, b)
+            cost = voltage if merit == MERIT_VOLTAGE else drawn
             if cost < least:
                 best_reaching, least = i, cost
     return best_reaching if best_reaching >= 0 else best
 
 
 @numba.njit(cache=True, nogil=True)
-def _invert(surface: Surface, target_cof: float, i: int, a: float, j: int, b: float) -> Inverse:
-    limit = _voltage_limit(surface, i, a, j, b)
-    last, c = _locate(surface.voltage_v, limit)
-    low = _trilinear(surface.cof, i, a, j, b, 0, 0.0)
-    high = _trilinear(surface.cof, i, a, j, b, last, c)
-    step = surface.voltage_v[1] - surface.voltage_v[0]
+def _invert(
+    axes: Array, cof: Array, current: Array, stuck: Array, limit: Array,
+    target_cof: float, i: int, a: float, j: int, b: float,
+) -> tuple[float, float, float, float, float, float]:  # fmt: skip
+    """The fields of `Inverse`, by bisection over the voltage nodes of one frequency and load."""
+    highest_v = _voltage_limit(limit, i, a, j, b)
+    last, c = _locate(axes[VOLTAGE], highest_v)
+    low = _trilinear(cof, i, a, j, b, 0, 0.0)
+    high = _trilinear(cof, i, a, j, b, last, c)
     if target_cof <= low:
-        voltage, cof = 0.0, low
+        voltage, reached = 0.0, low
     elif target_cof >= high:
-        voltage, cof = limit, high
+        voltage, reached = highest_v, high
     else:
         below, above = 0, last + 1
         while above - below > 1:
             middle = (below + above) // 2
-            if _trilinear(surface.cof, i, a, j, b, middle, 0.0) <= target_cof:
+            if _trilinear(cof, i, a, j, b, middle, 0.0) <= target_cof:
                 below = middle
             else:
                 above = middle
-        start = _trilinear(surface.cof, i, a, j, b, below, 0.0)
-        end = _trilinear(surface.cof, i, a, j, b, above, 0.0)
-        voltage = min(surface.voltage_v[below] + step * (target_cof - start) / (end - start), limit)
-        cof = target_cof
-    k, c = _locate(surface.voltage_v, voltage)
-    current = _trilinear(surface.current_rms_a, i, a, j, b, k, c)
-    per_volt = surface.stuck_current_a_per_v
-    stuck = voltage * (per_volt[i] + a * (per_volt[i + 1] - per_volt[i]) if a > 0.0 else per_volt[i])
-    return Inverse(voltage, cof, current, stuck, low, high)
+        start = _trilinear(cof, i, a, j, b, below, 0.0)
+        end = _trilinear(cof, i, a, j, b, above, 0.0)
+        first_v, last_v, cells = axes[VOLTAGE]
+        position = below + (target_cof - start) / (end - start)
+        voltage, reached = min(first_v + position * (last_v - first_v) / cells, highest_v), target_cof
+    k, c = _locate(axes[VOLTAGE], voltage)
+    drawn = _trilinear(current, i, a, j, b, k, c)
+    per_volt = (1.0 - a) * stuck[i] + a * stuck[i + 1] if a > 0.0 else stuck[i]
+    return voltage, reached, drawn, voltage * per_volt, low, high
 
 
 @numba.njit(cache=True, nogil=True)
-def _voltage_limit(surface: Surface, i: int, a: float, j: int, b: float) -> float:
+def _voltage_limit(limit: Array, i: int, a: float, j: int, b: float) -> float:
     """The least of the limits of the nodes around: between an allowed and a forbidden node nothing is allowed."""
-    limit = float(surface.voltage_limit_v[i, j])
+    least = float(limit[i, j])
     if a > 0.0:
-        limit = min(limit, surface.voltage_limit_v[i + 1, j])
+        least = min(least, limit[i + 1, j])
     if b > 0.0:
-        limit = min(limit, surface.voltage_limit_v[i, j + 1])
+        least = min(least, limit[i, j + 1])
         if a > 0.0:
-            limit = min(limit, surface.voltage_limit_v[i + 1, j + 1])
-    return limit
+            least = min(least, limit[i + 1, j + 1])
+    return least
 
 
 @numba.njit(cache=True, nogil=True)
 def _locate(axis: Array, x: float) -> tuple[int, float]:
-    """Cell and fraction of `x` on a uniform axis, clamped; the last node is cell n-2 with fraction 1."""
-    last = axis.size - 1
-    position = (x - axis[0]) / (axis[last] - axis[0]) * last
-    position = min(max(position, 0.0), float(last))
-    cell = min(int(position), last - 1)
+    """Cell and fraction of `x` on an axis (first, last, cells), clamped; the last node is the last cell, fraction 1."""
+    position = (x - axis[0]) / (axis[1] - axis[0]) * axis[2]
+    position = min(max(position, 0.0), axis[2])
+    cell = min(int(position), int(axis[2]) - 1)
     return cell, position - cell
 
 
@@ -170,22 +199,22 @@ _LOG2_TABLE = np.log2(1.0 + np.arange(_LOG2_CELLS + 1) / _LOG2_CELLS)  # of the 
 
 @numba.njit(cache=True, nogil=True, parallel=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy")
 def _cof_many(
-    surface: Surface, log2_table: Array, frequency_hz: Array, frequency_bits: Bits, normal_force_n: Array,
+    axes: Array, values: Array, log2_table: Array, frequency_hz: Array, frequency_bits: Bits, normal_force_n: Array,
     normal_force_bits: Bits, voltage_v: Array, out: Array,
 ) -> None:  # fmt: skip
     """Batch look-up over all cores, without branches and with unsigned indices so that it vectorises.
 
     The logarithm comes from exponent and mantissa of the number itself; NaN in any input gives NaN.
     """
-    cof = surface.cof.reshape(-1)
-    nf, nn, nv = surface.cof.shape
+    cof = values.reshape(-1)
+    nf, nn, nv = values.shape
     last_f, last_n, last_v = nf - 1.0, nn - 1.0, nv - 1.0
     stride_f, stride_n, one = np.uint32(nn * nv), np.uint32(nv), np.uint32(1)
     ln2 = np.log(2.0)
-    f0, n0, v0 = surface.log_frequency[0] / ln2, surface.log_normal_force[0] / ln2, surface.voltage_v[0]
-    scale_f = last_f / (surface.log_frequency[nf - 1] / ln2 - f0)
-    scale_n = last_n / (surface.log_normal_force[nn - 1] / ln2 - n0)
-    scale_v = last_v / (surface.voltage_v[nv - 1] - v0)
+    f0, n0, v0 = axes[LOG_FREQUENCY, 0] / ln2, axes[LOG_NORMAL_FORCE, 0] / ln2, axes[VOLTAGE, 0]
+    scale_f = last_f / (axes[LOG_FREQUENCY, 1] / ln2 - f0)
+    scale_n = last_n / (axes[LOG_NORMAL_FORCE, 1] / ln2 - n0)
+    scale_v = last_v / (axes[VOLTAGE, 1] - v0)
     for m in numba.prange(out.size):
         x = (_log2(frequency_bits[m], log2_table) - f0) * scale_f
         y = (_log2(normal_force_bits[m], log2_table) - n0) * scale_n

@@ -1,0 +1,26 @@
+"""Run every benchmark, print one table, and exit with 1 when a claim does not hold."""
+
+from __future__ import annotations
+
+import sys
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks import surface_build, surface_lookup
+from benchmarks.claim import Claim
+
+
+def main() -> int:
+    table = Table("claim", "measured", "wanted", "holds")
+    claims: list[Claim] = []
+    for part in (surface_build, surface_lookup):
+        for claim in part.run():
+            claims.append(claim)
+            table.add_row(claim.what, claim.measured, claim.wanted, "[green]yes" if claim.holds else "[red]NO")
+    Console(soft_wrap=True).print(table)
+    return 0 if all(claim.holds for claim in claims) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,74 @@
+"""Every import rule holds, and each has an import that must break it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("haptic_driver", "model", "hw")
+
+FORBIDDEN = [  # rule, file, import that must break it
+    ("model-knows-no-devices", "model/pressure.py", "import hw.amplifier"),
+    ("model-knows-no-devices", "model/pressure.py", "import haptic_driver.errors"),
+    ("hw-knows-no-physics", "hw/amplifier.py", "import model.pressure"),
+    ("hw-knows-no-physics", "hw/simulated/finger_plant.py", "import haptic_driver.signals"),
+    ("render-is-pure", "haptic_driver/render/tick.py", "import time"),
+    ("render-is-pure", "haptic_driver/render/texture.py", "from pathlib import Path"),
+    ("render-is-pure", "haptic_driver/render/safety.py", "import hw.waveform_generator"),
+    ("render-is-pure", "haptic_driver/render/surface.py", "import model.friction"),
+    ("render-is-pure", "haptic_driver/render/drive.py", "import haptic_driver.rig"),
+    ("stages-meet-through-signals", "haptic_driver/render/safety.py", "import haptic_driver.render.controller"),
+    ("only-controller-reads-surface", "haptic_driver/render/texture.py", "import haptic_driver.render.surface"),
+    ("simulators-beside-drivers", "hw/waveform_generator.py", "import hw.simulated.scpi"),
+]
+
+
+def lint(folder: Path) -> subprocess.CompletedProcess[str]:
+    script = Path(sys.executable).with_name("lint-imports")
+    command = [str(script), "--config", "pyproject.toml", "--no-cache"]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    return tmp_path
+
+
+def test_the_sources_keep_every_rule(copy: Path) -> None:
+    result = lint(copy)
+    assert result.returncode == 0, result.stdout
+    assert " 0 broken" in result.stdout
+
+
+@pytest.mark.parametrize(("rule", "file", "statement"), FORBIDDEN)
+def test_a_forbidden_import_breaks_its_rule(copy: Path, rule: str, file: str, statement: str) -> None:
+    path = copy / file
+    path.write_text(path.read_text() + f"\n{statement}\n")
+    contracts = tomllib.loads((copy / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    name = next(c["name"] for c in contracts if c["id"] == rule)
+    result = lint(copy)
+    assert result.returncode != 0
+    assert f"{name} BROKEN" in " ".join(result.stdout.split()), result.stdout
+
+
+def test_every_rule_has_an_import_that_breaks_it() -> None:
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    assert {c["id"] for c in contracts} == {rule for rule, _, _ in FORBIDDEN}
+
+
+def test_the_render_stages_load_neither_physics_nor_devices() -> None:
+    program = (
+        "import sys, haptic_driver.render.tick\n"
+        "print(sorted(m for m in sys.modules if m.split('.')[0] in ('model', 'hw', 'h5py', 'matplotlib')))"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=True)
+    assert result.stdout.strip() == "[]"
