@@ -19,6 +19,7 @@ Bits = NDArray[np.int64]
 MERIT_AUTHORITY, MERIT_VOLTAGE, MERIT_CURRENT = 0, 1, 2
 
 
+ON_NODE = 1e-9  # of a cell
 LOG_FREQUENCY, LOG_NORMAL_FORCE, VOLTAGE = 0, 1, 2  # rows of `Surface.axes`
 
 
@@ -173,11 +174,17 @@ def _voltage_limit(limit: Array, i: int, a: float, j: int, b: float) -> float:
 
 @numba.njit(cache=True, nogil=True)
 def _locate(axis: Array, x: float) -> tuple[int, float]:
-    """Cell and fraction of `x` on an axis (first, last, cells), clamped; the last node is the last cell, fraction 1."""
+    """Node at or below `x` and the fraction beyond it, on an axis (first, last, cells); clamped.
+
+    A node met to rounding is that node, so that no limit of its neighbour is taken for its own.
+    """
     position = (x - axis[0]) / (axis[1] - axis[0]) * axis[2]
     position = min(max(position, 0.0), axis[2])
-    cell = min(int(position), int(axis[2]) - 1)
-    return cell, position - cell
+    nearest = np.floor(position + 0.5)
+    if abs(position - nearest) < ON_NODE:
+        position = nearest
+    node = int(position)
+    return node, position - node
 
 
 @numba.njit(cache=True, nogil=True)
