@@ -16,8 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS, OperatingLimits
 from haptic_driver.render.controller import Policy
+from model.description import ModelDescription, read_model
 from model.errors import ModelError, nearest
-from model.parameters import ModelDescription, read_model
 
 Positive = Annotated[FiniteFloat, Field(gt=0.0)]
 NotNegative = Annotated[FiniteFloat, Field(ge=0.0)]

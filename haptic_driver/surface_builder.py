@@ -11,7 +11,7 @@ import numpy as np
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.surface_file import Array, SurfaceFile
-from model.parameters import ModelDescription
+from model.description import ModelDescription
 from model.touch_model import TouchModel
 
 

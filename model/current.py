@@ -6,59 +6,49 @@ everywhere, where only insulator and skin limit it.
 
 from __future__ import annotations
 
-from math import sqrt
-
 import numpy as np
 
 from model.compiled import kernel
 from model.contact import area_ratio
 from model.dielectrics import EPS0, Array, ComplexArray
 from model.gap_table import GapTable, lookup
-from model.layers import Stack
-from model.pressure import ContactScales
+from model.pressure import GapCircuit
 
 
-def sliding_current_rms_a(
-    table: GapTable, scales: ContactScales, stack: Stack, voltage_rms_v: Array, total_pressure_pa: Array, area_m2: float
-) -> Array:
-    """Current of the sliding finger, A rms; all arrays broadcast against each other.
+def sliding_current_per_v(table: GapTable, circuit: GapCircuit, total_pressure_pa: Array, omega: Array) -> Array:
+    """|current density|/V of each touch and branch [n, c], A/(m^2 V), omega [n, c].
 
-    With z = k_g h/a: I = A0 V j w eps0 [ (beta/a)(1 - A_real/A0) + (k_g/a^2) L(p, z) ], beta = alpha/(j w eps0).
+    With z = k_g h/a: J = V j w eps0 [ (beta/a)(1 - A_real/A0) + (k_g/a^2) L(p, z) ], beta = alpha/(j w eps0).
     """
-    h, k_gap, leak, omega, voltage, pressure = np.broadcast_arrays(
-        stack.h_m, stack.k_gap, stack.leak_per_m_pa, stack.omega, voltage_rms_v, total_pressure_pa
-    )
-    apart = 1.0 - area_ratio(table.shape, pressure / scales.pressure_pa)
-    result = np.empty(pressure.shape)
+    apart = 1.0 - area_ratio(table.shape, total_pressure_pa / circuit.pressure_scale_pa)
+    result = np.empty(circuit.h_m.shape)
     _admittance(
-        table.values, scales.pressure_pa, scales.length_m, h.ravel(), k_gap.ravel(), leak.ravel(),
-        pressure.ravel(), apart.ravel(), result.reshape(-1),
+        table.values, circuit.pressure_scale_pa, circuit.length_scale_m, circuit.h_m, circuit.k_gap,
+        circuit.bypass_per_m, circuit.leak_per_m_pa, circuit.gap_shift_m, total_pressure_pa, apart, result,
     )  # fmt: skip
-    return np.asarray(area_m2 * EPS0 * omega * voltage * result)
+    return np.asarray(EPS0 * omega * result)
 
 
-def stuck_current_rms_a(stack: Stack, voltage_rms_v: Array, area_m2: float) -> Array:
-    """Worst case, A rms: no air gap anywhere, |I| = A0 w eps0 V/|h|; broadcasts."""
-    return np.asarray(area_m2 * EPS0 * stack.omega * voltage_rms_v / np.abs(stack.h_m))
-
-
-RMS_OF_SINE = 1.0 / sqrt(2.0)
+def stuck_current_per_v(h_m: ComplexArray, omega: Array) -> Array:
+    """Worst case, A/(m^2 V): no air gap anywhere, |J| = w eps0 V/|h|; broadcasts."""
+    return np.asarray(EPS0 * omega / np.abs(h_m))
 
 
 @kernel
 def _admittance(
-    values: Array, p_scale: float, h_scale: float, h: ComplexArray, k_gap: ComplexArray, leak: ComplexArray,
-    pressure: Array, apart: Array, result: Array,
+    values: Array, p_scale: Array, h_scale: Array, h: ComplexArray, k_gap: ComplexArray, bypass: ComplexArray,
+    leak: ComplexArray, shift: Array, pressure: Array, apart: Array, result: Array,
 ) -> None:  # fmt: skip
     """|current density/(j w eps0 V)| in 1/m; NaN pressure gives NaN."""
     out = np.empty(3)
     for i in range(pressure.size):
-        if not np.isfinite(pressure[i]):
-            result[i] = np.nan
-            continue
-        beta = leak[i] * pressure[i]
-        a = 1.0 + beta * h[i]
-        z = k_gap[i] * h[i] / a
-        lookup(values, pressure[i] / p_scale, z / h_scale, out)
-        inverse_gap = out[1] * np.exp(1j * out[2]) / h_scale
-        result[i] = abs(beta / a * apart[i] + k_gap[i] / (a * a) * inverse_gap)
+        for c in range(h.shape[1]):
+            if not np.isfinite(pressure[i]):
+                result[i, c] = np.nan
+                continue
+            beta = bypass[i, c] + leak[i, c] * pressure[i]
+            a = 1.0 + beta * h[i, c]
+            z = k_gap[i, c] * h[i, c] / a + shift[i]
+            lookup(values, pressure[i] / p_scale[i], z / h_scale[i], out)
+            inverse_gap = out[1] * np.exp(1j * out[2]) / h_scale[i]
+            result[i, c] = abs(beta / a * apart[i] + k_gap[i, c] / (a * a) * inverse_gap)

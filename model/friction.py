@@ -10,18 +10,27 @@ import numpy as np
 
 from model.dielectrics import Array
 from model.parameters import FrictionLaw
+from model.touch import Friction, Values
+
+LOAD_REFERENCE_N = 0.5  # the load at which a load exponent leaves friction as it is
 
 
-def cof(law: FrictionLaw, cof_off: float, electrostatic_force_n: Array, normal_force_n: Array) -> Array:
-    """Coefficient of friction under attraction; NaN where `total_load` has diverged (F_e >= F_n)."""
-    ratio = electrostatic_force_n / normal_force_n
-    if law == "applied_load":
-        return np.asarray(cof_off * (1.0 + ratio))
+def cof(
+    law: FrictionLaw, cof_off: Values, attraction_n: Array, normal_force_n: Array, laws: Friction | None = None
+) -> Array:
+    """Coefficient of friction under attraction; NaN where `total_load` has diverged (F_e >= F_n).
+
+    `laws` bends the proportionality between friction and load; without it friction is Coulomb's.
+    """
+    laws = laws or Friction()
+    ratio = attraction_n / normal_force_n
     with np.errstate(divide="ignore"):
-        return np.where(ratio < 1.0, cof_off / (1.0 - ratio), np.nan)
+        rise = 1.0 + ratio if law == "applied_load" else np.where(ratio < 1.0, 1.0 / (1.0 - ratio), np.nan)
+    bend = laws.load_exponent - 1.0
+    return np.asarray(cof_off * laws.cof_off_factor * rise * (rise * normal_force_n / LOAD_REFERENCE_N) ** bend)
 
 
 def electrostatic_force_n(law: FrictionLaw, cof_off: float, cof_on: Array, normal_force_n: Array) -> Array:
-    """The force that gives the friction `cof_on`: the inverse of `cof`."""
+    """The force that gives the friction `cof_on` by Coulomb's law: the inverse of `cof`."""
     ratio = cof_on / cof_off - 1.0 if law == "applied_load" else 1.0 - cof_off / cof_on
     return np.asarray(ratio * normal_force_n)

@@ -16,6 +16,7 @@ import hashlib
 import json
 import os
 import tempfile
+import zipfile
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from math import pi
@@ -29,7 +30,7 @@ from model.compiled import kernel
 from model.contact import gap_distribution
 from model.roughness import Array, SelfAffineShape
 
-FORMAT = 1  # of the cached file and of the quadrature behind it: raise it when either changes
+FORMAT = 2  # of the cached file and of the quadrature behind it: raise it when either changes
 LOG_P_AXIS = (np.log(1e-6), np.log(10.0), 85)
 LOG_Z_AXIS = (np.log(1e-7), np.log(1e3), 121)
 ANGLE_AXIS = (0.0, pi / 2.0, 15)
@@ -39,10 +40,14 @@ MAGNIFICATION_STEP = 0.2  # against 0.05: 3e-8 in every integral
 
 @dataclass(frozen=True)
 class GapTable:
-    """`values` [n_p, n_z, n_angle, 3]: log K^, log |L^|, arg L^ (rad) on the axes of this module."""
+    """`values` [n_p, n_z, n_angle, 3]: log K^, log |L^|, arg L^ (rad) on the axes of this module.
+
+    `mass` [n_p, n_u]: P(u) du at the nodes of `gap_nodes`, for integrals that K and L cannot give.
+    """
 
     shape: SelfAffineShape
     values: Array
+    mass: Array
 
     @property
     def content_hash(self) -> str:
@@ -53,22 +58,35 @@ class GapTable:
 @lru_cache(maxsize=8)
 def gap_table(shape: SelfAffineShape, folder: Path | None = None) -> GapTable:
     """The table for `shape`: from the cache when it is there, else built (under a second) and cached."""
-    path = (folder or cache_dir()) / f"gap-table-{_key(shape)}.npy"
-    values = _read(path)
-    if values is None:
-        values = build_values(shape)
-        _write(path, values)
-    return GapTable(shape, values)
+    path = (folder or cache_dir()) / f"gap-table-{_key(shape)}.npz"
+    table = _read(shape, path)
+    if table is None:
+        table = build_table(shape)
+        _write(path, table)
+    return table
 
 
-def build_values(shape: SelfAffineShape) -> Array:
-    """Both integrals by quadrature at every node; [n_p, n_z, n_angle, 3]."""
+def build_table(shape: SelfAffineShape) -> GapTable:
+    """Both integrals by quadrature at every node, and the distributions themselves."""
     z = np.exp(axis(LOG_Z_AXIS))[:, None] * np.exp(1j * axis(ANGLE_AXIS))
     values = np.empty((LOG_P_AXIS[2], *z.shape, 3))
+    mass = np.empty((LOG_P_AXIS[2], gap_nodes().size))
     for i, log_p in enumerate(axis(LOG_P_AXIS)):
-        k_hat, l_hat = gap_integrals(shape, float(np.exp(log_p)), z)
+        mass[i] = gap_mass(shape, float(np.exp(log_p)))
+        k_hat, l_hat = integrals_of(mass[i], z)
         values[i] = np.stack([np.log(k_hat), np.log(np.abs(l_hat)), np.angle(l_hat)], axis=-1)
-    return values
+    return GapTable(shape, values, mass)
+
+
+def gap_nodes() -> Array:
+    """Gaps u [n_u] in units of h_rms at which distributions are kept, evenly spaced in the logarithm."""
+    return np.asarray(np.exp(np.arange(*LOG_U_AXIS)))
+
+
+def gap_mass(shape: SelfAffineShape, p_hat: float, magnification_step: float = MAGNIFICATION_STEP) -> Array:
+    """P(u) du [n_u] under one pressure: weights of the trapezoid rule in log u."""
+    u = gap_nodes()
+    return gap_distribution(shape, p_hat, magnification_step).density(u) * u * LOG_U_AXIS[2]
 
 
 def gap_integrals(
@@ -78,8 +96,12 @@ def gap_integrals(
 
     Trapezoid rule in log u: the integrand is analytic in a strip of half-width pi/2 around the axis.
     """
-    u = np.exp(np.arange(*LOG_U_AXIS))
-    mass = gap_distribution(shape, p_hat, magnification_step).density(u) * u * LOG_U_AXIS[2]
+    return integrals_of(gap_mass(shape, p_hat, magnification_step), z_hat)
+
+
+def integrals_of(mass: Array, z_hat: NDArray[np.complex128]) -> tuple[Array, NDArray[np.complex128]]:
+    """K^ and L^ of one distribution of gaps."""
+    u = gap_nodes()
     x, y = z_hat.real.ravel(), z_hat.imag.ravel()
     inverse_square = 1.0 / ((u + x[:, None]) ** 2 + (y * y)[:, None])
     k_hat = inverse_square @ mass
@@ -121,6 +143,13 @@ def lookup(values: Array, p_hat: float, z_hat: complex, out: Array) -> bool:
 
 
 @kernel
+def mass_at(p_hat: float) -> tuple[int, tuple[float, float, float, float]]:
+    """First row of `GapTable.mass` and the weights of four rows that give the distribution at `p_hat`."""
+    first, weights, _ = _stencil(np.log(p_hat), LOG_P_AXIS[0], LOG_P_AXIS[1], LOG_P_AXIS[2])
+    return first, weights
+
+
+@kernel
 def _stencil(x: float, low: float, high: float, count: int) -> tuple[int, tuple[float, float, float, float], bool]:
     """First node, four Lagrange weights, and whether `x` lies on the axis (to rounding)."""
     inside = low - 1e-9 <= x <= high + 1e-9
@@ -138,21 +167,24 @@ def _key(shape: SelfAffineShape) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _read(path: Path) -> Array | None:
+def _read(shape: SelfAffineShape, path: Path) -> GapTable | None:
+    """The cached table; None where it is absent or damaged, for it is only a cache."""
     try:
-        values: Array = np.load(path, allow_pickle=False)
-    except (OSError, ValueError):
-        return None  # absent or damaged: it is only a cache
-    expected = (LOG_P_AXIS[2], LOG_Z_AXIS[2], ANGLE_AXIS[2], 3)
-    return values if values.shape == expected and bool(np.isfinite(values).all()) else None
+        with np.load(path, allow_pickle=False) as file:
+            values, mass = file["values"], file["mass"]
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+    expected = (LOG_P_AXIS[2], LOG_Z_AXIS[2], ANGLE_AXIS[2], 3), (LOG_P_AXIS[2], gap_nodes().size)
+    sound = (values.shape, mass.shape) == expected and np.isfinite(values).all() and np.isfinite(mass).all()
+    return GapTable(shape, values, mass) if sound else None
 
 
-def _write(path: Path, values: Array) -> None:
+def _write(path: Path, table: GapTable) -> None:
     """Atomically, so that two processes may build at once; a cache that cannot be written is done without."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".npy", delete=False) as part:
-            np.save(part, values)
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as part:
+            np.savez(part, values=table.values, mass=table.mass)
         os.replace(part.name, path)
     except OSError:
         return

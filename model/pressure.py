@@ -1,21 +1,20 @@
 """Electrostatic pressure and the closed loop that it forms with the contact.
 
-p_e = (eps0/2) sum over drive components of <V^2> K(p, z)/|a|^2, with p = p0 + p_e: pressure closes the gaps, which
-raises the pressure. For one component V(p_e) is explicit; `solve` finds the lowest equilibrium of arbitrary conditions,
-`solve_grid` those of a whole surface by inverting V(p_e) frequency by frequency.
+p_e = (eps0/2) sum over drive branches of <V^2> K(p, z)/|a|^2, with p = p0 + p_e + p_added: pressure closes the gaps,
+which raises the pressure. For one branch V(p_e) is explicit; `solve` finds the lowest equilibrium of arbitrary
+conditions, `solve_grid` those of a whole surface by inverting V(p_e) frequency by frequency.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from model.compiled import kernel
 from model.dielectrics import EPS0, Array, ComplexArray
-from model.gap_table import LOG_P_AXIS, GapTable, lookup
-from model.layers import Stack
+from model.gap_table import LOG_P_AXIS, GapTable, gap_nodes, lookup, mass_at
 
 PRESSURE_NODES = 128  # per frequency of a surface; cubic between them
 TOLERANCE = 1e-10
@@ -23,11 +22,29 @@ MAX_ITERATIONS = 100
 
 
 @dataclass(frozen=True)
-class ContactScales:
-    """The finger's scales of pressure and of length: Y* q0 h_rms (Pa) and h_rms (m)."""
+class GapCircuit:
+    """Touches [n] as the closed loop sees them, each with `c` branches; everything already broadcast.
 
-    pressure_pa: float
-    length_m: float
+    `pressure_scale_pa` Y* q0 h_rms and `length_scale_m` h_rms [n]; per branch [n, c] the complex length `h_m`, `k_gap`,
+    the admittance beside the gap over j w eps0, as `bypass_per_m` + `leak_per_m_pa` p, and `mean_square_v2`;
+    `gap_shift_m`, `load_pa` (normal force over area), `added_pa` (other attraction), `field_limit_v_per_m` [n].
+    """
+
+    pressure_scale_pa: Array
+    length_scale_m: Array
+    h_m: ComplexArray
+    k_gap: ComplexArray
+    bypass_per_m: ComplexArray
+    leak_per_m_pa: ComplexArray
+    mean_square_v2: Array
+    gap_shift_m: Array
+    load_pa: Array
+    added_pa: Array
+    field_limit_v_per_m: Array
+
+    def repeated(self, times: int) -> GapCircuit:
+        """Every touch `times` in a row."""
+        return GapCircuit(**{f.name: np.repeat(getattr(self, f.name), times, axis=0) for f in fields(self)})
 
 
 @dataclass(frozen=True)
@@ -41,65 +58,90 @@ class GridSolution:
     pull_in_voltage_v: Array
 
 
-def solve(table: GapTable, scales: ContactScales, components: list[tuple[Stack, Array]], load_pa: Array) -> Array:
-    """Electrostatic pressure in Pa of each condition [n]; NaN where no equilibrium exists (pull-in).
-
-    `components`: each a stack over the n conditions and the mean square voltage [n] in V^2 driven through it (V^2/2
-    for a sine of amplitude V); a biased drive has two. `load_pa` [n]: normal force over apparent area.
-    """
-    h = np.stack([s.h_m for s, _ in components], axis=1)
-    k_gap = np.stack([s.k_gap for s, _ in components], axis=1)
-    leak = np.stack([s.leak_per_m_pa for s, _ in components], axis=1)
-    mean_square = np.stack([v for _, v in components], axis=1)
-    result = np.empty_like(load_pa)
-    _solve(table.values, scales.pressure_pa, scales.length_m, h, k_gap, leak, mean_square, load_pa, result)
+def solve(table: GapTable, circuit: GapCircuit) -> Array:
+    """Electrostatic pressure in Pa of each touch [n]; NaN where no equilibrium exists (pull-in)."""
+    result = np.empty_like(circuit.load_pa)
+    _solve(
+        table.values, table.mass, gap_nodes(), circuit.pressure_scale_pa, circuit.length_scale_m, circuit.h_m,
+        circuit.k_gap, circuit.bypass_per_m, circuit.leak_per_m_pa, circuit.mean_square_v2, circuit.gap_shift_m,
+        circuit.load_pa, circuit.added_pa, circuit.field_limit_v_per_m, result,
+    )  # fmt: skip
     return result
 
 
-def solve_grid(table: GapTable, scales: ContactScales, sine: Stack, voltage_v: Array, load_pa: Array) -> GridSolution:
-    """Every combination of frequency (of `sine`), rising `voltage_v` (amplitude) and rising `load_pa`."""
-    shape = (sine.omega.size, voltage_v.size, load_pa.size)
+def solve_grid(table: GapTable, sine: GapCircuit, voltage_v: Array, load_pa: Array) -> GridSolution:
+    """Every combination of frequency (the rows of `sine`), rising `voltage_v` (amplitude) and rising `load_pa`.
+
+    For circuits whose branches do not depend on voltage or load, without shift, added pressure or field limit.
+    """
+    shape = (sine.load_pa.size, voltage_v.size, load_pa.size)
     pressure = np.empty(shape)
     pull_in = np.empty((shape[0], shape[2]))
-    log_p = np.linspace(np.log(load_pa[0]), LOG_P_AXIS[1] + np.log(scales.pressure_pa), PRESSURE_NODES)
+    highest = LOG_P_AXIS[1] + np.log(sine.pressure_scale_pa[0])
+    log_p = np.linspace(np.log(load_pa[0]), highest, PRESSURE_NODES)
     _solve_grid(
-        table.values, scales.pressure_pa, scales.length_m, sine.h_m, sine.k_gap, sine.leak_per_m_pa,
-        log_p, voltage_v, load_pa, pressure, pull_in,
+        table.values, sine.pressure_scale_pa[0], sine.length_scale_m[0], sine.h_m[:, 0], sine.k_gap[:, 0],
+        sine.leak_per_m_pa[:, 0], log_p, voltage_v, load_pa, pressure, pull_in,
     )  # fmt: skip
     return GridSolution(pressure, pull_in)
 
 
 @kernel
 def _gain(
-    values: Array, p_scale: float, h_scale: float, h: complex, k_gap: complex, leak: complex, p: float, out: Array
-) -> float:
+    values: Array, p_scale: float, h_scale: float, h: complex, k_gap: complex, beta: complex, shift: float,
+    p: float, out: Array,
+) -> float:  # fmt: skip
     """(eps0/2) K(p, z)/|a|^2: pressure per mean square volt at the total pressure p."""
-    a = 1.0 + leak * p * h
-    lookup(values, p / p_scale, k_gap * h / a / h_scale, out)
+    a = 1.0 + beta * h
+    lookup(values, p / p_scale, (k_gap * h / a + shift) / h_scale, out)
     return float(0.5 * EPS0 * out[0] / (h_scale * abs(a)) ** 2)
 
 
 @kernel
+def _beyond_limit(mass: Array, u: Array, p_hat: float, z_hat: complex, amplitude: float, limit: float) -> float:
+    """Share of K^ that a cap on the local field takes away; `amplitude` is the field times |u + z|, per h_rms."""
+    row, weights = mass_at(p_hat)
+    closest = amplitude / limit  # |u + z| at which the field meets the cap
+    lost = whole = 0.0
+    for i in range(u.size):
+        m = 0.0
+        for b in range(4):
+            m += weights[b] * mass[row + b, i]
+        square = (u[i] + z_hat.real) ** 2 + z_hat.imag**2
+        whole += m / square
+        if square < closest * closest:
+            lost += m * (1.0 / square - 1.0 / (closest * closest))
+    return lost / whole
+
+
+@kernel
 def _solve(
-    values: Array, p_scale: float, h_scale: float, h: ComplexArray, k_gap: ComplexArray, leak: ComplexArray,
-    mean_square: Array, load: Array, result: Array,
+    values: Array, mass: Array, u: Array, p_scale: Array, h_scale: Array, h: ComplexArray, k_gap: ComplexArray,
+    bypass: ComplexArray, leak: ComplexArray, mean_square: Array, shift: Array, load: Array, added: Array,
+    field_limit: Array, result: Array,
 ) -> None:  # fmt: skip
     """Secant from the unattracted contact upwards, so that the lowest equilibrium is found; bracketed once passed."""
     out = np.empty(3)
-    p_max = p_scale * np.exp(LOG_P_AXIS[1])
     for i in range(load.size):
-        p, previous, below, above = load[i], 0.0, load[i], p_max
+        base = load[i] + added[i]
+        p_max = p_scale[i] * np.exp(LOG_P_AXIS[1])
+        p, previous, below, above = base, 0.0, base, p_max
         excess_previous, solution = 0.0, np.nan
         for iteration in range(MAX_ITERATIONS):
             attraction = 0.0
             for c in range(mean_square.shape[1]):
-                if mean_square[i, c] > 0.0:
-                    attraction += mean_square[i, c] * _gain(
-                        values, p_scale, h_scale, h[i, c], k_gap[i, c], leak[i, c], p, out
-                    )
-            excess = load[i] + attraction - p
+                if mean_square[i, c] != 0.0:
+                    beta = bypass[i, c] + leak[i, c] * p
+                    gain = _gain(values, p_scale[i], h_scale[i], h[i, c], k_gap[i, c], beta, shift[i], p, out)
+                    if field_limit[i] < np.inf:
+                        a = 1.0 + beta * h[i, c]
+                        z_hat = (k_gap[i, c] * h[i, c] / a + shift[i]) / h_scale[i]
+                        amplitude = np.sqrt(2.0 * abs(mean_square[i, c])) / (abs(a) * h_scale[i])
+                        gain *= 1.0 - _beyond_limit(mass, u, p / p_scale[i], z_hat, amplitude, field_limit[i])
+                    attraction += mean_square[i, c] * gain
+            excess = base + attraction - p
             if abs(excess) <= TOLERANCE * p:
-                solution = p - load[i] + excess
+                solution = attraction
                 break
             if excess > 0.0:
                 below = p
@@ -129,7 +171,9 @@ def _solve_grid(
     step = log_p[1] - log_p[0]
     for i in range(h.size):
         for j in range(log_p.size):
-            gain = _gain(values, p_scale, h_scale, h[i], k_gap[i], leak[i], np.exp(log_p[j]), out)
+            gain = _gain(
+                values, p_scale, h_scale, h[i], k_gap[i], leak[i] * np.exp(log_p[j]), 0.0, np.exp(log_p[j]), out
+            )
             log_gain[j] = np.log(0.5 * gain)  # a sine of amplitude V has the mean square V^2/2
         for n in range(load.size):
             limit = _monotone_limit(log_p, log_gain, load[n])

@@ -8,13 +8,15 @@ q1/q0 and gamma differ by these scales alone.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi
+from math import pi, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gamma as gamma_function
 
 Array = NDArray[np.float64]
+Values = Any  # float or array
 
 
 @dataclass(frozen=True)
@@ -39,11 +41,10 @@ class SelfAffineShape:
         return np.asarray(zeta**-two_h * -np.expm1(-two_h * np.log(self.zeta1 / zeta)))
 
 
-def contact_length_m(hurst: float, h_rms_m: float, q0_per_m: float, q1_per_m: float) -> float:
+def contact_length_m(hurst: float, h_rms_m: Values, q0_per_m: float, q1_per_m: float) -> Values:
     """Characteristic length L0 of (39) in m, with r(H) of (40) in closed form."""
-    return float(
-        np.sqrt(2.0 * (1.0 - hurst) / (pi * hurst)) * h_rms_m * (r_of_hurst(hurst) - (q0_per_m / q1_per_m) ** hurst)
-    )
+    scale = sqrt(2.0 * (1.0 - hurst) / (pi * hurst)) * (r_of_hurst(hurst) - (q0_per_m / q1_per_m) ** hurst)
+    return scale * h_rms_m
 
 
 def r_of_hurst(hurst: float) -> float:

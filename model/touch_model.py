@@ -8,15 +8,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from model import current, friction, layers, pressure
+from model import current, friction, pressure
+from model.chain import prepare, touch_friction
+from model.description import ModelDescription
 from model.dielectrics import Array
+from model.effects.base import SPEED_REFERENCE_M_S
 from model.errors import ModelError, nearest
 from model.gap_table import GapTable, gap_table
-from model.parameters import ModelDescription
 from model.roughness import SelfAffineShape
+from model.touch import Drive
 
 WAVEFORMS = ("sine", "square", "dc")
 MEAN_SQUARE = {"sine": 0.5, "square": 1.0, "dc": 1.0}  # of a waveform of amplitude 1 V
+UNDRIVEN_HZ = 250.0  # stands for the ignored frequency of rows without voltage
 THEORY_PRESSURE_RATIO = 10.0  # the contact theory asks for pressures not too high: p_e up to this many times p0
 
 
@@ -26,7 +30,7 @@ class Conditions:
 
     `voltage_v` is the amplitude at the electrode; where it is 0 the frequency is ignored. `waveform` holds names of
     `WAVEFORMS`; a square wave is treated at its fundamental, with the mean square of the whole wave. `voltage_offset_v`
-    is a steady bias added to it.
+    is a steady bias added to it. `speed_m_s` and `time_s` matter to some effects only.
     """
 
     frequency_hz: Array
@@ -34,6 +38,8 @@ class Conditions:
     normal_force_n: Array
     voltage_offset_v: Array | None = None
     waveform: NDArray[np.str_] | None = None
+    speed_m_s: Array | None = None
+    time_s: Array | None = None
 
     def __post_init__(self) -> None:
         """Refuse what has no physical meaning, naming the row."""
@@ -47,6 +53,27 @@ class Conditions:
         _check(self.normal_force_n, 1e-4, 1e3, "normal_force_n", "N")
         if self.voltage_offset_v is not None:
             _check(self.voltage_offset_v, -1e5, 1e5, "voltage_offset_v", "V")
+        if self.speed_m_s is not None:
+            _check(self.speed_m_s, 0.0, 10.0, "speed_m_s", "m/s")
+        if self.time_s is not None:
+            _check(self.time_s, -1e9, 1e9, "time_s", "s")
+
+    def drive(self) -> Drive:
+        """The same as the chain's first stage takes it."""
+        voltage = np.asarray(self.voltage_v, dtype=np.float64)
+        wave = np.full(voltage.shape, "sine") if self.waveform is None else np.asarray(self.waveform)
+        steady = (wave == "dc").astype(np.float64)
+        frequency = np.where(voltage == 0.0, UNDRIVEN_HZ, np.where(wave == "dc", 0.0, self.frequency_hz))
+        return Drive(
+            frequency_hz=frequency,
+            voltage_v=voltage,
+            voltage_offset_v=0.0 if self.voltage_offset_v is None else np.asarray(self.voltage_offset_v),
+            mean_square_factor=np.array([MEAN_SQUARE[name] for name in wave]),
+            normal_force_n=np.asarray(self.normal_force_n, dtype=np.float64),
+            speed_m_s=SPEED_REFERENCE_M_S if self.speed_m_s is None else np.asarray(self.speed_m_s),
+            time_s=0.0 if self.time_s is None else np.asarray(self.time_s),
+            steady=steady,
+        )
 
 
 @dataclass(frozen=True)
@@ -80,7 +107,7 @@ class SurfaceSolution:
 
 @dataclass(frozen=True)
 class TouchModel:
-    """One finger on one screen, ready to answer for any conditions."""
+    """One finger on one screen, with chosen effects, ready to answer for any conditions."""
 
     description: ModelDescription
 
@@ -91,66 +118,65 @@ class TouchModel:
         zeta1 = p.cut_off_wavenumber_per_m / p.roll_off_wavenumber_per_m
         return gap_table(SelfAffineShape(p.hurst_exponent, zeta1, p.contact_gamma))
 
-    @property
-    def scales(self) -> pressure.ContactScales:
-        """This finger's scales of pressure and gap."""
-        p = self.description.values
-        h_rms = p.roughness_rms_m
-        return pressure.ContactScales(p.effective_modulus_pa * p.roll_off_wavenumber_per_m * h_rms, h_rms)
-
-    def stack(self, frequency_hz: Array) -> layers.Stack:
-        """The electrical stack at each frequency; 0 Hz means direct current."""
-        return layers.stack(self.description.values, self.description.dielectric, frequency_hz)
-
     def predict(self, conditions: Conditions) -> Prediction:
         """Force, friction and current of arbitrary conditions."""
-        p = self.description.values
-        voltage, load_n = (np.asarray(v, dtype=np.float64) for v in (conditions.voltage_v, conditions.normal_force_n))
-        wave = np.full(voltage.shape, "sine") if conditions.waveform is None else np.asarray(conditions.waveform)
-        frequency = np.where(wave == "dc", 0.0, conditions.frequency_hz)
-        driven = self.stack(np.where(voltage == 0.0, 1.0, frequency))
-        mean_square = voltage**2 * np.array([MEAN_SQUARE[name] for name in wave])
-        components = [(driven, mean_square)]
-        if conditions.voltage_offset_v is not None:
-            components.append((self.stack(np.zeros_like(voltage)), np.asarray(conditions.voltage_offset_v) ** 2))
-
-        load_pa = load_n / p.contact_area_m2
-        p_e = pressure.solve(self.table, self.scales, components, load_pa)
-        force = p_e * p.contact_area_m2
-        sliding, stuck = np.zeros_like(force), np.zeros_like(force)
-        for stack, square in components:
-            rms = np.sqrt(square)
-            sliding += self._sliding(stack, rms, load_pa + p_e) ** 2
-            stuck += current.stuck_current_rms_a(stack, rms, p.contact_area_m2) ** 2
+        p, effects = self.description.values, self.description.effects
+        drive = conditions.drive()
+        touch = prepare(p, self.description.dielectric, effects, drive)
+        p_e = pressure.solve(self.table, touch.circuit)
+        load_pa, load_n = touch.circuit.load_pa, np.asarray(drive.normal_force_n, dtype=np.float64)
+        total_pa = load_pa + p_e + touch.circuit.added_pa
+        rms = np.sqrt(np.abs(touch.circuit.mean_square_v2))
+        sliding = current.sliding_current_per_v(self.table, touch.circuit, total_pa, touch.omega) * rms
+        stuck = current.stuck_current_per_v(touch.circuit.h_m, touch.omega) * rms
         return Prediction(
-            electrostatic_force_n=force,
-            cof=friction.cof(self.description.friction_law, p.cof_off, force, load_n),
-            current_rms_a=np.sqrt(sliding),
-            stuck_current_rms_a=np.sqrt(stuck),
+            electrostatic_force_n=p_e * p.contact_area_m2,
+            cof=touch_friction(self.description.friction_law, p, touch, p_e, load_n),
+            current_rms_a=p.contact_area_m2 * np.sqrt(np.sum(sliding**2, axis=1)),
+            stuck_current_rms_a=p.contact_area_m2 * np.sqrt(np.sum(stuck**2, axis=1)),
             within_theory=p_e <= THEORY_PRESSURE_RATIO * load_pa,
         )
 
     def surface(self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array) -> SurfaceSolution:
         """Every combination of frequency [f], rising voltage amplitude [v] and rising normal force [n], for a sine."""
+        if self.description.effects:
+            return self._surface_point_by_point(frequency_hz, voltage_v, normal_force_n)
         p = self.description.values
         load_pa = normal_force_n / p.contact_area_m2
-        sine = self.stack(frequency_hz)
-        solution = pressure.solve_grid(self.table, self.scales, sine, voltage_v, load_pa)
+        at_one_volt = Conditions(frequency_hz, np.ones_like(frequency_hz), np.ones_like(frequency_hz))
+        touch = prepare(p, self.description.dielectric, (), at_one_volt.drive())
+        solution = pressure.solve_grid(self.table, touch.circuit, voltage_v, load_pa)
         p_e = solution.electrostatic_pressure_pa
         force = p_e * p.contact_area_m2
-        rms = voltage_v * current.RMS_OF_SINE
+        rms_a = voltage_v * np.sqrt(0.5) * p.contact_area_m2
+        shape = p_e.shape
+        whole = touch.circuit.repeated(shape[1] * shape[2])
+        omega = np.repeat(touch.omega, shape[1] * shape[2], axis=0)
+        sliding = current.sliding_current_per_v(self.table, whole, (load_pa + p_e).ravel(), omega)
+        stuck = current.stuck_current_per_v(touch.circuit.h_m, touch.omega)
         return SurfaceSolution(
             electrostatic_force_n=force,
             cof=friction.cof(self.description.friction_law, p.cof_off, force, normal_force_n),
-            current_rms_a=self._sliding(sine.reshaped((-1, 1, 1)), rms[:, None], load_pa + p_e),
-            stuck_current_rms_a=current.stuck_current_rms_a(sine.reshaped((-1, 1)), rms, p.contact_area_m2),
+            current_rms_a=sliding.reshape(shape) * rms_a[:, None],
+            stuck_current_rms_a=stuck * rms_a,
             pulled_in=voltage_v[:, None] > solution.pull_in_voltage_v[:, None, :],
             within_theory=p_e <= THEORY_PRESSURE_RATIO * load_pa,
         )
 
-    def _sliding(self, stack: layers.Stack, rms_v: Array, pressure_pa: Array) -> Array:
-        area_m2 = self.description.values.contact_area_m2
-        return current.sliding_current_rms_a(self.table, self.scales, stack, rms_v, pressure_pa, area_m2)
+    def _surface_point_by_point(self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array) -> SurfaceSolution:
+        """With effects, which may depend on voltage or load: each point by itself, at the reference speed and time 0."""
+        f, v, n = np.meshgrid(frequency_hz, voltage_v, normal_force_n, indexing="ij")
+        shape = f.shape
+        found = self.predict(Conditions(f.ravel(), v.ravel(), n.ravel()))
+        cof = found.cof.reshape(shape)
+        return SurfaceSolution(
+            electrostatic_force_n=found.electrostatic_force_n.reshape(shape),
+            cof=cof,
+            current_rms_a=found.current_rms_a.reshape(shape),
+            stuck_current_rms_a=found.stuck_current_rms_a.reshape(shape).max(axis=2),
+            pulled_in=~np.isfinite(cof),
+            within_theory=found.within_theory.reshape(shape),
+        )
 
 
 def _check(

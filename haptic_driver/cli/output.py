@@ -6,7 +6,7 @@ import json
 import math
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Annotated, Any
 
 import typer
@@ -54,6 +54,18 @@ def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
                 bar.update(task, completed=done)
 
         yield advance
+
+
+@contextmanager
+def status(what: str) -> Iterator[Callable[[str], None]]:
+    """A function to call with what is being done now; shown on stderr, and only on a terminal."""
+    with stderr.status(what) if stderr.is_terminal else nullcontext() as shown:
+
+        def tell(step: str) -> None:
+            if shown is not None:
+                shown.update(f"{what}: {step}")
+
+        yield tell
 
 
 def _finite(value: Any) -> Any:

@@ -1,0 +1,79 @@
+"""`haptic diagnose`: where data and model disagree, and which effect is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
+from haptic_driver.config import load_model
+from haptic_driver.errors import BadInputError, HapticError
+from model.errors import ModelError
+
+
+def diagnose(
+    data: Annotated[Path, typer.Argument(help="CSV: frequency_hz, voltage_v, normal_force_n, cof, ...")],
+    model: ModelOption = "reference",
+    out: Annotated[Path, typer.Option("--out", help="Folder for report.html, report.json, model.toml.")] = Path(
+        "diagnosis"
+    ),
+    seed: Annotated[int, typer.Option("--seed", help="Of the random draws in tests and folds.", min=0)] = 0,
+    as_json: Json = False,
+) -> None:
+    """Find where measured friction and the model disagree, name the missing effect, add it, and prove it.
+
+    Gives one verdict: no_discrepancy, effect_found, ambiguous, unexplained or not_testable. A name is given only when
+    the data earn it.
+
+    Example: `haptic diagnose data.csv --model reference --out diagnosis`
+    """
+    from model.diagnosis.report import write_report  # noqa: PLC0415
+
+    from model.diagnosis.data import read_measurements  # noqa: PLC0415  (diagnosis imports are slow)
+    from model.diagnosis.workflow import diagnose as run  # noqa: PLC0415
+
+    description = load_model(model)
+    try:
+        measurements = read_measurements(data)
+    except ModelError as error:
+        raise BadInputError("bad_data", error.message, error.hint) from error
+    with status("diagnosing") as tell:
+        diagnosis = run(description, measurements, seed, tell)
+    try:
+        found = write_report(diagnosis, description, out, data.name)
+    except OSError as error:
+        raise HapticError("not_written", f"{out}: cannot be written ({error})", "Choose another --out") from error
+    report(as_json, found, lambda: _show(found, out))
+
+
+def _show(found: dict[str, Any], out: Path) -> None:
+    stdout.print(
+        f"verdict: [bold]{found['verdict']}[/]" + ("" if found["adequate"] else " (the model is not adequate yet)")
+    )
+    for effect in found["effects"]:
+        values = ", ".join(
+            f"{name} = {p['value']:.3g} ± {p['std']:.2g} {p['unit']}" for name, p in effect["parameters"].items()
+        )
+        stdout.print(f"  {effect['name']}: probability {effect['probability']:.3f}; {values}")
+        if effect["indistinguishable_from"]:
+            stdout.print(f"    these data cannot tell it from {', '.join(effect['indistinguishable_from'])}")
+    table = Table("candidate", "probability", title="most probable", title_justify="left")
+    for row in found["alternatives"][:5]:
+        table.add_row(row["name"], f"{row['probability']:.3g}")
+    stdout.print(table)
+    for region in found["where"][:3]:
+        axis, low, high = region["axis"], region["low"], region["high"]
+        stdout.print(f"  disagrees at {axis} {low} to {high}: p = {region['p_value']:.2g}, sign {region['sign']:+d}")
+    fit = found["fit"]
+    if fit["gap_closed"] is not None:
+        held = fit["held_out_chi2_per_point"]
+        stdout.print(
+            f"held out: {held['before']:.2f} -> {held['after']:.2f} per point (1 is noise), "
+            f"gap closed {fit['gap_closed']:.0%}"
+        )
+    for warning in found.get("warnings", []):
+        stdout.print(f"warning: {warning}")
+    stdout.print(f"report: {out / 'report.html'}; model: {found['model']}")

@@ -1,0 +1,179 @@
+"""A model as its file describes it: parameters with their sources, skin data, friction law, effects."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import tomllib
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from model.dielectrics import Dielectric, PowerLaw, named, read_csv
+from model.effects import BY_NAME, Effect
+from model.errors import ModelError, nearest
+from model.parameters import FRICTION_LAWS, SPECIFICATION, FrictionLaw, Parameter, TouchParameters
+
+
+@dataclass(frozen=True)
+class ModelDescription:
+    """A model as its file describes it; the default variant, `corrected`, is the only one so far."""
+
+    name: str
+    about: str
+    dielectric: Dielectric
+    friction_law: FrictionLaw
+    parameters: dict[str, Parameter]
+    effect_parameters: dict[str, dict[str, Parameter]] = field(default_factory=dict)
+    variant: str = "corrected"
+
+    @property
+    def values(self) -> TouchParameters:
+        """The bare numbers that the physics computes with."""
+        return TouchParameters(**{name: p.value for name, p in self.parameters.items()})
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects that are switched on, in the catalogue's order."""
+        on = self.effect_parameters
+        return tuple(
+            effect(**{name: p.value for name, p in on[key].items()}) for key, effect in BY_NAME.items() if key in on
+        )
+
+    def provenance(self) -> dict[str, Any]:
+        """Everything that identifies this model, as JSON can hold it."""
+        dielectric = {"name": self.dielectric.name, "source": self.dielectric.source, "content": repr(self.dielectric)}
+        return {
+            "name": self.name,
+            "about": self.about,
+            "variant": self.variant,
+            "friction_law": self.friction_law,
+            "dielectric": dielectric,
+            "parameters": {name: asdict(p) for name, p in self.parameters.items()},
+            "effects": {
+                key: {name: asdict(p) for name, p in values.items()} for key, values in self.effect_parameters.items()
+            },
+        }
+
+    @property
+    def content_hash(self) -> str:
+        """Equal for equal physics, whatever the file's name and comments."""
+        physics = {
+            "variant": self.variant,
+            "friction_law": self.friction_law,
+            "dielectric": repr(self.dielectric),
+            "values": asdict(self.values),
+            "effects": [[effect.name, asdict(effect)] for effect in self.effects],
+        }
+        return hashlib.sha256(json.dumps(physics, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def read_model(path: Path) -> ModelDescription:
+    """Read a model file; ModelError says which key of which file is wrong, and the nearest valid choice."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ModelError(f"{path}: model file cannot be read ({error.strerror})", "Give an existing file") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ModelError(f"{path}: not valid TOML: {error}", "Compare with configs/models/reference.toml") from error
+    _check_keys(content, ["name", "about", "friction_law", "dielectric", "parameters", "effects", "origin"], str(path))
+    law = content.get("friction_law", "applied_load")
+    if law not in FRICTION_LAWS:
+        raise ModelError(f"{path}: friction_law '{law}' is unknown", nearest(str(law), list(FRICTION_LAWS)))
+    return ModelDescription(
+        name=str(content.get("name", path.stem)),
+        about=str(content.get("about", "")),
+        dielectric=_read_dielectric(content.get("dielectric", {"set": "gabriel_dry"}), path),
+        friction_law=law,
+        parameters=_read_parameters(content.get("parameters", {}), path),
+        effect_parameters=_read_effects(content.get("effects", {}), path),
+    )
+
+
+def _read_parameters(table: Any, path: Path) -> dict[str, Parameter]:
+    where = f"{path}, [parameters]"
+    if not isinstance(table, dict):
+        raise ModelError(f"{where}: is not a table", "Compare with configs/models/reference.toml")
+    _check_keys(table, list(SPECIFICATION), where)
+    missing = [name for name in SPECIFICATION if name not in table]
+    if missing:
+        raise ModelError(f"{where}: {missing[0]} is missing", f"Give {SPECIFICATION[missing[0]]['about']}")
+    read = {name: _read_parameter(name, table[name], where) for name in SPECIFICATION}
+    low, high = read["roll_off_wavenumber_per_m"].value, read["cut_off_wavenumber_per_m"].value
+    if high < 2.0 * low:
+        raise ModelError(
+            f"{where}: cut_off_wavenumber_per_m {high:g} is not above roll_off_wavenumber_per_m {low:g}",
+            "The cut-off must be at least twice the roll-off",
+        )
+    return read
+
+
+def _read_effects(table: Any, path: Path) -> dict[str, dict[str, Parameter]]:
+    where = f"{path}, [effects]"
+    if not isinstance(table, dict):
+        raise ModelError(f"{where}: is not a table", "For example: [effects.series_resistance] resistance_ohm = 1e4")
+    _check_keys(table, list(BY_NAME), where)
+    read: dict[str, dict[str, Parameter]] = {}
+    for key, values in table.items():
+        known = {p.name: p for p in BY_NAME[key].parameters()}
+        if not isinstance(values, dict):
+            raise ModelError(f"{where}: {key} is not a table", f"Give {', '.join(known)}")
+        _check_keys(values, list(known), f"{path}, [effects.{key}]")
+        missing = [name for name in known if name not in values]
+        if missing:
+            raise ModelError(f"{path}, [effects.{key}]: {missing[0]} is missing", f"Give {', '.join(known)}")
+        read[key] = {
+            name: _read_number(name, values[name], (p.unit, p.low, p.high), f"{path}, [effects.{key}]")
+            for name, p in known.items()
+        }
+    return read
+
+
+def _read_parameter(name: str, entry: Any, where: str) -> Parameter:
+    spec = SPECIFICATION[name]
+    return _read_number(name, entry, (spec["unit"], spec["low"], spec["high"]), where)
+
+
+def _read_number(name: str, entry: Any, spec: tuple[str, float, float], where: str) -> Parameter:
+    unit, low, high = spec
+    entry = entry if isinstance(entry, dict) else {"value": entry}
+    _check_keys(entry, ["value", "std", "source"], f"{where} {name}")
+    value = _number(entry.get("value"), f"{where} {name}")
+    if not low <= value <= high:
+        raise ModelError(f"{where}: {name} = {value:g} is out of range", f"It must lie in {low:g}..{high:g} {unit}")
+    std = entry.get("std")
+    if std is not None:
+        std = _number(std, f"{where} {name}.std")
+        if std < 0.0:
+            raise ModelError(f"{where}: {name}.std = {std:g} is negative", "A standard deviation is 0 or more")
+    return Parameter(value, unit, str(entry.get("source", "")), std)
+
+
+def _read_dielectric(table: Any, path: Path) -> Dielectric:
+    where = f"{path}, [dielectric]"
+    if not isinstance(table, dict) or "set" not in table:
+        raise ModelError(f"{where}: has no key 'set'", 'For example: set = "gabriel_dry"')
+    kind = str(table["set"])
+    if kind == "power_law":
+        keys = ["eps_inf", "amplitude", "exponent", "conductivity_s_per_m"]
+        _check_keys(table, ["set", *keys], where)
+        eps_inf, amplitude, exponent, conductivity = (_number(table.get(key), f"{where} {key}") for key in keys)
+        return PowerLaw(eps_inf, amplitude, exponent, conductivity)
+    if kind == "csv":
+        _check_keys(table, ["set", "file"], where)
+        return read_csv(path.parent / str(table.get("file", "")))
+    _check_keys(table, ["set"], where)
+    return named(kind)
+
+
+def _check_keys(table: dict[str, Any], known: list[str], where: str) -> None:
+    for key in table:
+        if key not in known:
+            raise ModelError(f"{where}: unknown key '{key}'", nearest(key, known))
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ModelError(f"{where}: {value!r} is not a finite number", "Give a number in SI units")
+    return float(value)

@@ -1,0 +1,123 @@
+"""Fits in prior units: maximum a posteriori by damped Gauss-Newton, and the evidence around it.
+
+The noise scale is integrated out: -(n + nu)/2 log(1 + chi^2/nu) replaces -chi^2/2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.diagnosis.data import Array
+from model.diagnosis.noise import Noise
+from model.diagnosis.space import Predictor, size
+from model.effects import Effect
+
+STEP = 1e-4  # of finite differences, in prior standard deviations
+ITERATIONS = 40
+TOLERANCE = 1e-5
+BAD = 1e3  # stands for a residual that the model cannot give, in standard deviations
+FARTHEST = 6.0  # prior standard deviations
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model at its most probable parameters.
+
+    `vector` [k] in prior units; `residual` [n] and `jacobian` [n, k] whitened, the latter of the prediction;
+    `covariance` [k, k] of the vector; `log_evidence` up to a constant that all models of one data set share.
+    """
+
+    kinds: tuple[type[Effect], ...]
+    vector: Array
+    residual: Array
+    jacobian: Array
+    covariance: Array
+    chi2: float
+    scale2: float
+    log_evidence: float
+
+
+class Problem:
+    """One data set with its noise: what every fit shares."""
+
+    def __init__(self, predictor: Predictor, log_cof: Array, noise: Noise) -> None:
+        self.predictor = predictor
+        self.log_cof = log_cof
+        self.noise = noise
+
+    def whitened(self, kinds: Sequence[type[Effect]], vectors: Array) -> Array:
+        """Whitened residuals [m, n] of parameter vectors [m, k]; unsolvable rows are far off, never NaN."""
+        raw = self.log_cof - self.predictor.log_cof(kinds, vectors)
+        raw = np.where(np.isfinite(raw), raw, BAD * self.noise.relative_std)
+        return self.noise.whiten(raw.T).T
+
+    def cost(self, chi2: Array | float, vectors: Array) -> Array:
+        """-log posterior of parameter vectors, scale integrated out."""
+        nu, n = self.noise.degrees, self.log_cof.size
+        return np.asarray(0.5 * (n + nu) * np.log1p(np.asarray(chi2) / nu) + 0.5 * np.sum(np.square(vectors), axis=-1))
+
+    def linearise(self, kinds: Sequence[type[Effect]], vector: Array) -> tuple[Array, Array]:
+        """Residual [n] and Jacobian of the prediction [n, k], both whitened, in one call of the model."""
+        k = vector.size
+        vectors = np.vstack([vector, vector + STEP * np.eye(k)])
+        all_residuals = self.whitened(kinds, vectors)
+        return all_residuals[0], -(all_residuals[1:] - all_residuals[0]).T / STEP
+
+    def fit(self, kinds: Sequence[type[Effect]], start: Array) -> Fit:
+        """Damped Gauss-Newton from one start."""
+        nu, n = self.noise.degrees, self.log_cof.size
+        vector = np.clip(start, -FARTHEST, FARTHEST)
+        residual, jacobian = self.linearise(kinds, vector)
+        chi2 = float(residual @ residual)
+        cost = float(self.cost(chi2, vector))
+        damping = 1e-3
+        for _ in range(ITERATIONS):
+            weight = (n + nu) / (nu + chi2)
+            normal = weight * jacobian.T @ jacobian + np.eye(vector.size)
+            gradient = weight * jacobian.T @ residual - vector
+            improved = False
+            steps = [
+                np.linalg.solve(normal + d * np.diag(np.diag(normal)), gradient)
+                for d in damping * np.array([0.1, 1.0, 10.0, 100.0])
+            ]
+            trials = np.clip(vector + np.array(steps), -FARTHEST, FARTHEST)
+            residuals = self.whitened(kinds, trials)
+            costs = self.cost(np.sum(residuals**2, axis=1), trials)
+            best = int(np.argmin(costs))
+            gain = cost - float(costs[best])
+            if gain > 0.0:
+                vector, cost, improved = trials[best], float(costs[best]), True
+                damping = float(np.clip(damping * (0.1, 1.0, 10.0, 100.0)[best], 1e-9, 1e6))
+                residual, jacobian = self.linearise(kinds, vector)
+                chi2 = float(residual @ residual)
+            else:
+                damping = min(damping * 1e3, 1e9)
+            if (improved and gain < TOLERANCE) or damping >= 1e8:
+                break
+        return self._finish(tuple(kinds), vector, residual, jacobian)
+
+    def _finish(self, kinds: tuple[type[Effect], ...], vector: Array, residual: Array, jacobian: Array) -> Fit:
+        nu, n = self.noise.degrees, self.log_cof.size
+        chi2 = float(residual @ residual)
+        scale2 = (nu + chi2) / (n + nu)
+        normal = jacobian.T @ jacobian / scale2 + np.eye(vector.size)
+        _, log_determinant = np.linalg.slogdet(normal)
+        log_evidence = -float(self.cost(chi2, vector)) - 0.5 * float(log_determinant)
+        covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+        return Fit(kinds, vector, residual, jacobian, covariance, chi2, scale2, log_evidence)
+
+    def best_fit(self, kinds: Sequence[type[Effect]], base: Array, starts: Sequence[float]) -> Fit:
+        """The best of several starts: from `base`, the last effect's first parameter at each of `starts`."""
+        k = size(kinds)
+        fits = []
+        first = k - len(kinds[-1].parameters()) if kinds else k
+        for value in starts if kinds else (0.0,):
+            start = np.zeros(k)
+            start[: base.size] = base[:k]
+            if kinds:
+                start[first] = value
+            fits.append(self.fit(kinds, start))
+        return max(fits, key=lambda fit: fit.log_evidence)

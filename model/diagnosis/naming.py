@@ -1,0 +1,70 @@
+"""Which effect: every candidate fitted, weighed against none and the catch-all, and what cannot be told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.diagnosis.data import Array, Measurements
+from model.diagnosis.fit import Fit, Problem
+from model.diagnosis.rival import Evidence, evidence
+from model.effects import CATALOGUE, Effect
+
+PRIOR_NONE, PRIOR_UNKNOWN = 0.5, 0.1
+STARTS = (0.0, -2.0, 1.5, -3.0)
+NONE, UNKNOWN = "none", "unknown"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One model, fitted: its own evidence, and with a discrepancy of unknown shape beside it."""
+
+    kinds: tuple[type[Effect], ...]
+    fit: Fit
+    alone: Evidence
+    beside_discrepancy: Evidence
+
+    @property
+    def name(self) -> str:
+        """The effects' names joined; `none` for the base model."""
+        return "+".join(kind.name for kind in self.kinds) or NONE
+
+
+def candidate(problem: Problem, discrepancy: Array, kinds: tuple[type[Effect], ...], fit: Fit) -> Candidate:
+    """Weigh one fitted model."""
+    noise = problem.noise
+    return Candidate(kinds, fit, evidence(fit, noise), evidence(fit, noise, discrepancy))
+
+
+def testable_effects(data: Measurements, switched_on: Sequence[Effect]) -> list[type[Effect]]:
+    """The candidates that could leave a trace in these columns and are not in the model already."""
+    on = {effect.name for effect in switched_on}
+    return [kind for kind in CATALOGUE if kind.name not in on and all(data.varies(column) for column in kind.needs)]
+
+
+def fit_candidates(
+    problem: Problem,
+    discrepancy: Array,
+    base: Fit,
+    kinds: Sequence[tuple[type[Effect], ...]],
+    progress: Callable[[str], None],
+) -> list[Candidate]:
+    """Fit each model warm from `base`, several starts for its last effect."""
+    found = []
+    for kind in kinds:
+        progress("+".join(k.name for k in kind) or NONE)
+        found.append(candidate(problem, discrepancy, kind, problem.best_fit(kind, base.vector, STARTS)))
+    return found
+
+
+def imitation(problem: Problem, true: Fit, rival: Candidate) -> float:
+    """lambda_ij: whitened chi^2 that is left of `true`'s prediction when `rival` is fitted to it without noise."""
+    prediction = problem.predictor.log_cof(true.kinds, true.vector[None])[0]
+    noiseless = Problem(problem.predictor, prediction, problem.noise)
+    fits = [noiseless.fit(rival.kinds, rival.fit.vector)]
+    start = np.zeros(rival.fit.vector.size)
+    start[: min(4, start.size)] = true.vector[: min(4, start.size)]
+    fits.append(noiseless.fit(rival.kinds, start))
+    return min(float(f.residual @ f.residual + 0.0) for f in fits)

@@ -1,0 +1,96 @@
+"""What is known about the noise before any fit: each row's own, what sessions share, and how far to trust both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from model.diagnosis.data import Array, Measurements
+
+SESSION_GAIN_STD = 0.05  # of friction, between sessions: electrodes, washing, posture
+LOOSE_DEGREES = 6.0  # worth of the stated noise where no replicates check it: a scale known to about 30 %
+MOST_DEGREES = 200.0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Covariance of log friction: diag(`relative_std`^2) + session gain + AR(1), up to one unknown scale.
+
+    The scale's square is inverse-gamma around 1 with `degrees` degrees of freedom; `log_scale_hint` is what the
+    replicates said about the stated noise. `whiten` takes residuals [n] or [n, k] to unit variance.
+    """
+
+    relative_std: Array
+    lower: Array
+    degrees: float
+    source: str
+    replicate_degrees: int
+    warnings: tuple[str, ...] = field(default=())
+
+    def whiten(self, values: Array) -> Array:
+        """L^-1 values."""
+        return np.asarray(solve_triangular(self.lower, values, lower=True, check_finite=False))
+
+
+def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | None = None) -> Noise | None:
+    """The noise model of a data set; None where there is neither a stated noise nor a replicate to estimate it from.
+
+    `correlation`: of neighbouring rows in a session, in order of measurement. `inflation` [n]: of single rows' noise.
+    """
+    log_cof = np.log(data.columns["cof"])
+    scatter, degrees = _replicate_scatter(data, log_cof)
+    warnings: list[str] = []
+    if "cof_std" in data.columns:
+        relative = data.columns["cof_std"] / data.columns["cof"]
+        source = "cof_std"
+        if degrees >= 4:
+            standard, degrees = _replicate_scatter(data, log_cof / relative)
+            ratio = float(np.sqrt(standard))
+            if not 1.0 / 1.3 < ratio < 1.3:
+                warnings.append(f"replicates scatter {ratio:.2f} times as much as cof_std says; their scatter is used")
+                source = "cof_std, scaled to the replicates"
+            relative = relative * ratio
+    elif degrees >= 2:
+        relative = np.full(data.count, np.sqrt(scatter))
+        source = "replicates"
+    else:
+        return None
+    relative = np.maximum(relative, 1e-4)
+    if inflation is not None:
+        relative = relative * inflation
+    covariance = np.diag(relative**2)
+    if correlation != 0.0:
+        covariance += _correlated(data, correlation, relative)
+    covariance += SESSION_GAIN_STD**2 * (data.session[:, None] == data.session)
+    degrees_known = min(max(float(degrees), LOOSE_DEGREES), MOST_DEGREES)
+    return Noise(relative, cholesky(covariance, lower=True), degrees_known, source, degrees, tuple(warnings))
+
+
+def _replicate_scatter(data: Measurements, values: Array) -> tuple[float, int]:
+    """Pooled variance within groups of replicates, and its degrees of freedom."""
+    group = data.replicate_groups()
+    counts = np.bincount(group)
+    means = np.bincount(group, values) / counts
+    degrees = int(np.sum(counts - 1))
+    squares = np.sum((values - means[group]) ** 2)
+    return (float(squares / degrees) if degrees else 0.0), degrees
+
+
+def measurement_order(data: Measurements) -> Array:
+    """The place of each row in time: `time_s` where there is one, else the order of the file."""
+    return data.columns.get("time_s", np.arange(data.count, dtype=float))
+
+
+def _correlated(data: Measurements, correlation: float, relative: Array) -> Array:
+    """Off-diagonal part of an AR(1) covariance along the order of measurement within each session."""
+    rank = np.empty(data.count)
+    order = measurement_order(data)
+    for s in range(len(data.session_names)):
+        rows = np.flatnonzero(data.session == s)
+        rank[rows[np.argsort(order[rows], kind="stable")]] = np.arange(rows.size)
+    same = data.session[:, None] == data.session
+    matrix = np.where(same, correlation ** np.abs(rank[:, None] - rank), 0.0) * np.outer(relative, relative)
+    np.fill_diagonal(matrix, 0.0)
+    return matrix

@@ -1,0 +1,120 @@
+"""Proof on data that no fit has seen: the effect is chosen anew in every fold and judged on what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.description import ModelDescription
+from model.diagnosis.data import Array, Measurements
+from model.diagnosis.fit import Problem
+from model.diagnosis.naming import Candidate
+from model.diagnosis.noise import Noise, noise_of
+from model.diagnosis.rival import evidence
+from model.diagnosis.space import Predictor
+from model.effects import Effect
+
+FEWEST_SESSIONS = 3
+BLOCKS = 5
+BOOTSTRAPS = 2000
+Kinds = tuple[type[Effect], ...]
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What held-out data say: mean squared error in units of the noise, per point, before and after.
+
+    `gap_closed`: share of the base model's excess over the noise that disappears, with a 95 % interval over folds;
+    `inclusion`: share of folds in which the same effects were chosen again. NaN where nothing could be held out.
+    """
+
+    by: str
+    folds: tuple[str, ...]
+    before: Array
+    after: Array
+    gap_closed: float
+    interval: tuple[float, float]
+    inclusion: float
+
+    @property
+    def before_mean(self) -> float:
+        """Held-out squared error per point of the base model."""
+        return float(np.mean(self.before)) if self.before.size else float("nan")
+
+    @property
+    def after_mean(self) -> float:
+        """The same of the chosen model."""
+        return float(np.mean(self.after)) if self.after.size else float("nan")
+
+
+def prove(
+    description: ModelDescription,
+    data: Measurements,
+    noise: Noise,
+    chosen: Candidate,
+    rivals: list[Candidate],
+    seed: int,
+    progress: Callable[[str], None],
+) -> Proof:
+    """Leave out sessions where there are three or more, else blocks of settings.
+
+    `rivals` are chosen among anew in each fold (the chosen model and the base model always take part).
+    """
+    by, fold = _folds(data, seed)
+    names = [data.session_names[i] if by == "session" else f"block {i + 1}" for i in range(fold.max() + 1)]
+    contenders = [chosen, *[r for r in rivals if r.kinds != chosen.kinds]]
+    before, after, kept, weights = [], [], [], []
+    for i in range(fold.max() + 1):
+        progress(f"held out: {names[i]}")
+        inside, outside = data.subset(fold != i), data.subset(fold == i)
+        inner_noise = noise_of(inside)
+        if inner_noise is None or outside.count < 2:
+            continue
+        problem = Problem(Predictor(description, inside), np.log(inside.columns["cof"]), inner_noise)
+        fits = [problem.fit(c.kinds, c.fit.vector) for c in contenders]
+        base = problem.fit((), chosen.fit.vector[:4])
+        scores = [evidence(f, inner_noise).log_evidence - 3.0 * len(f.kinds) for f in fits]
+        selected = fits[int(np.argmax(scores))]
+        outer = Predictor(description, outside)
+        relative = noise.relative_std[fold == i] * np.sqrt(chosen.fit.scale2)
+        before.append(_error(outer, outside, (), base.vector, relative))
+        after.append(_error(outer, outside, selected.kinds, selected.vector, relative))
+        kept.append(selected.kinds == chosen.kinds)
+        weights.append(outside.count)
+    if not before:
+        nothing = np.empty(0)
+        return Proof(by, (), nothing, nothing, float("nan"), (float("nan"), float("nan")), float("nan"))
+    a, b, w = np.array(before), np.array(after), np.array(weights, dtype=float)
+    rng = np.random.default_rng(seed)
+    draws = rng.integers(0, a.size, (BOOTSTRAPS, a.size))
+    closed = [_closed(a[d], b[d], w[d]) for d in draws]
+    low, high = np.nanpercentile(closed, [2.5, 97.5])
+    return Proof(by, tuple(names), a, b, _closed(a, b, w), (float(low), float(high)), float(np.mean(kept)))
+
+
+def _folds(data: Measurements, seed: int) -> tuple[str, NDArray[np.intp]]:
+    if len(np.unique(data.session)) >= FEWEST_SESSIONS:
+        return "session", np.unique(data.session, return_inverse=True)[1].ravel()
+    group = data.replicate_groups()
+    shuffled = np.random.default_rng(seed).permutation(group.max() + 1) % BLOCKS
+    return "block", shuffled[group]
+
+
+def _error(outer: Predictor, data: Measurements, kinds: Kinds, vector: Array, relative: Array) -> float:
+    """Mean squared held-out residual in units of the noise, the held-out sessions' own gain removed."""
+    residual = np.log(data.columns["cof"]) - outer.log_cof(kinds, vector[None])[0]
+    weight = 1.0 / relative**2
+    lost = 0
+    for s in np.unique(data.session):
+        rows = data.session == s
+        residual[rows] -= np.sum(residual[rows] * weight[rows]) / np.sum(weight[rows])
+        lost += 1
+    return float(np.sum(residual**2 * weight) / max(data.count - lost, 1))
+
+
+def _closed(before: Array, after: Array, weight: Array) -> float:
+    base, new = np.average(before, weights=weight), np.average(after, weights=weight)
+    return float(1.0 - (new - 1.0) / (base - 1.0)) if base > 1.0 else float("nan")

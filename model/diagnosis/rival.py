@@ -1,0 +1,111 @@
+"""The catch-all rival: the base model plus a smooth discrepancy of unknown shape, and evidences on one footing.
+
+The discrepancy of log friction is a Gaussian process with an additive squared-exponential kernel: one term per input
+that varies, one for frequency and voltage together. Terms in frequency and voltage act on driven rows only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaln, logsumexp
+
+from model.diagnosis.data import Array, Measurements
+from model.diagnosis.fit import Fit
+from model.diagnosis.noise import Noise
+
+LENGTH = 0.8  # of the kernel, in standardised inputs
+AMPLITUDES = (0.02, 0.05, 0.12, 0.3)  # of the discrepancy of log friction
+MOST_DISTINCT = 220
+GRID = 0.05  # in standardised inputs
+NEGLIGIBLE = 1e-7  # eigenvalues of a kernel below this share of the largest
+LOG_INPUTS = ("frequency_hz", "normal_force_n", "speed_m_s")
+INPUTS = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "time_s")
+SCALES = np.exp(np.linspace(np.log(0.2), np.log(5.0), 41))  # of the noise, integrated over
+
+
+def standardised(data: Measurements, name: str) -> Array:
+    """One input [n] to zero mean and unit spread; logarithms where it spans decades."""
+    values = data.columns[name]
+    rows = data.driven if name in ("frequency_hz", "voltage_v") else np.ones(data.count, bool)
+    x = np.log(np.where(rows, np.maximum(values, 1e-12), 1.0)) if name in LOG_INPUTS else values
+    x = np.where(rows, x, 0.0)
+    centre, spread = x[rows].mean(), x[rows].std()
+    return np.asarray(np.where(rows, (x - centre) / (spread if spread > 0 else 1.0), 0.0))
+
+
+def features(data: Measurements, noise: Noise) -> Array:
+    """Whitened features F [n, m] with F F' the whitened kernel at unit amplitude."""
+    driven = data.driven.astype(float)[:, None]
+    inputs = {name: standardised(data, name) for name in INPUTS if data.varies(name)}
+    parts = []
+    for name, x in inputs.items():
+        part = _roots(x[:, None])
+        parts.append(part * driven if name in ("frequency_hz", "voltage_v") else part)
+    if "frequency_hz" in inputs and "voltage_v" in inputs:
+        parts.append(_roots(np.stack([inputs["frequency_hz"], inputs["voltage_v"]], axis=1)) * driven)
+    if not parts:
+        return np.zeros((data.count, 0))
+    return noise.whiten(np.concatenate(parts, axis=1))
+
+
+def _roots(x: Array) -> Array:
+    """F [n, m] with F F' = exp(-|x - x'|^2/(2 LENGTH^2)), from the distinct rows of `x` alone."""
+    distinct, row = np.unique(np.round(x, 9), axis=0, return_inverse=True)
+    if len(distinct) > MOST_DISTINCT:  # e.g. a time of its own for every row: a grid represents a smooth function
+        distinct, row = np.unique(np.round(x / GRID) * GRID, axis=0, return_inverse=True)
+    square = np.sum((distinct[:, None, :] - distinct[None, :, :]) ** 2, axis=2)
+    values, vectors = np.linalg.eigh(np.exp(-0.5 * square / LENGTH**2))
+    kept = values > NEGLIGIBLE * values[-1]
+    return np.asarray((vectors[:, kept] * np.sqrt(values[kept]))[row.ravel()])
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """log evidence, with the noise scale and any discrepancy amplitude integrated out, and where it lies."""
+
+    log_evidence: float
+    scale: float
+    amplitude: float
+
+
+def evidence(fit: Fit, noise: Noise, discrepancy: Array | None = None) -> Evidence:
+    """Evidence of a fitted model, linear around its most probable parameters; with `discrepancy` features too.
+
+    Every model of a data set is judged by this one formula, so that differences mean something.
+    """
+    target = fit.residual + fit.jacobian @ fit.vector
+    if discrepancy is None:
+        logs = _by_scale(target, fit.jacobian, noise)
+        return Evidence(float(logsumexp(logs)), float(SCALES[np.argmax(logs)]), 0.0)
+    per_amplitude = np.array(
+        [_by_scale(target, np.concatenate([fit.jacobian, a * discrepancy], axis=1), noise) for a in AMPLITUDES]
+    )
+    best = np.unravel_index(np.argmax(per_amplitude), per_amplitude.shape)
+    total = float(logsumexp(per_amplitude)) - float(np.log(len(AMPLITUDES)))
+    return Evidence(total, float(SCALES[best[1]]), AMPLITUDES[best[0]])
+
+
+def _by_scale(target: Array, spread: Array, noise: Noise) -> Array:
+    """log N(target; 0, s^2 + spread spread') + log prior weight of each noise scale s."""
+    left, singular, _ = np.linalg.svd(spread, full_matrices=False)
+    along = (left.T @ target) ** 2
+    rest = max(float(target @ target - along.sum()), 0.0)
+    s2 = SCALES[:, None] ** 2
+    total = s2 + singular**2
+    free = target.size - singular.size
+    log_likelihood = -0.5 * (np.sum(np.log(total) + along / total, axis=1) + free * np.log(s2[:, 0]) + rest / s2[:, 0])
+    half = 0.5 * noise.degrees
+    log_prior = half * np.log(half) - gammaln(half) - 2.0 * half * np.log(SCALES) - half / SCALES**2
+    return np.asarray(log_likelihood + log_prior + np.log(2.0 * np.log(SCALES[1] / SCALES[0])))
+
+
+def discrepancy_mean(fit: Fit, found: Evidence, discrepancy: Array) -> Array:
+    """The discrepancy that the catch-all sees beside a fitted model, whitened [n]: its posterior mean."""
+    spread = np.concatenate([fit.jacobian, found.amplitude * discrepancy], axis=1)
+    target = fit.residual + fit.jacobian @ fit.vector
+    inner = spread.T @ spread / found.scale**2 + np.eye(spread.shape[1])
+    weights = np.linalg.solve(inner, spread.T @ target / found.scale**2)
+    k = fit.vector.size
+    return np.asarray(found.amplitude * discrepancy @ weights[k:])

@@ -1,0 +1,211 @@
+"""From evidences to one verdict, with the readiness to say that no name is earned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from model.diagnosis.data import Array, Measurements
+from model.diagnosis.fit import Problem
+from model.diagnosis.naming import (
+    NONE,
+    PRIOR_NONE,
+    PRIOR_UNKNOWN,
+    UNKNOWN,
+    Candidate,
+    fit_candidates,
+    imitation,
+)
+from model.diagnosis.rival import discrepancy_mean
+from model.diagnosis.where import Disagreement
+
+SURE = 0.95
+NOTHING = 0.90
+APART = 25.0  # lambda_ij from which two effects count as told apart
+ALIKE = 9.0  # and below which they are one group
+DISCREPANCY_WINS = 3.0  # Bayes factor of effect + discrepancy against the effect alone
+LACK_OF_FIT = 0.005
+NEAR_NATS = 20.0  # rivals farther behind in evidence need no test of imitation
+SMALL_REMAINDER = 0.2  # of the effect's own signature
+PAIR_GAIN_NATS = 3.0
+MOST_EFFECTS = 3
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One verdict and what it rests on.
+
+    `chosen` is the model that the data ask for (the base model without a name). `group` holds, for every effect of
+    `chosen`, the names that this data set cannot tell from it.
+    """
+
+    verdict: str
+    adequate: bool
+    chosen: Candidate
+    probabilities: dict[str, float]
+    group: dict[str, list[str]]
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """All single-effect models of one data set beside the base model."""
+
+    base: Candidate
+    singles: list[Candidate]
+    untestable: list[str]
+
+    def probabilities(self) -> dict[str, float]:
+        """Posterior of none, unknown and every effect of the catalogue; summing to 1."""
+        count = len(self.singles) + len(self.untestable)
+        each = (1.0 - PRIOR_NONE - PRIOR_UNKNOWN) / count
+        logs = {
+            NONE: np.log(PRIOR_NONE) + self.base.alone.log_evidence,
+            UNKNOWN: np.log(PRIOR_UNKNOWN) + self.base.beside_discrepancy.log_evidence,
+        }
+        logs |= {c.name: np.log(each) + c.alone.log_evidence for c in self.singles}
+        logs |= {name: np.log(each) + self.base.alone.log_evidence for name in self.untestable}
+        return _normalised(logs)
+
+
+def _normalised(logs: dict[str, float]) -> dict[str, float]:
+    total = logsumexp(list(logs.values()))
+    ordered = sorted(logs.items(), key=lambda item: -item[1])
+    return {name: float(np.exp(value - total)) for name, value in ordered}
+
+
+def adequate(candidate: Candidate, lack_of_fit_p: float) -> bool:
+    """Whether nothing of unknown shape needs to stand beside the model."""
+    factor = candidate.beside_discrepancy.log_evidence - candidate.alone.log_evidence
+    return factor <= np.log(DISCREPANCY_WINS) and lack_of_fit_p >= LACK_OF_FIT
+
+
+def confusion(problem: Problem, winner: Candidate, rivals: list[Candidate]) -> dict[str, float]:
+    """min(lambda_ij, lambda_ji) of the winner with each rival that comes near it in evidence."""
+    best = winner.alone.log_evidence
+    near = [c for c in rivals if c is not winner and best - c.alone.log_evidence < NEAR_NATS]
+    return {
+        c.name: min(imitation(problem, winner.fit, c), imitation(problem, c.fit, winner)) / winner.fit.scale2
+        for c in near
+    }
+
+
+def decide(
+    data: Measurements,
+    problem: Problem,
+    discrepancy: Array,
+    weighed: Weighed,
+    base_scan: Disagreement,
+    scan: Callable[[Candidate], Disagreement],
+    progress: Callable[[str], None],
+) -> Verdict:
+    """Weigh what was fitted; fits second effects where one is not enough."""
+    probabilities = weighed.probabilities()
+    winner = max(weighed.singles, key=lambda c: c.alone.log_evidence)
+    base = weighed.base
+    if probabilities[NONE] >= NOTHING and not base_scan.alarm and adequate(base, base_scan.lack_of_fit_p):
+        return Verdict("no_discrepancy", True, base, probabilities, {}, ("no effect is worth its parameters",))
+
+    alike = confusion(problem, winner, weighed.singles)
+    group = [name for name, value in alike.items() if value < APART]
+    if adequate(winner, scan(winner).lack_of_fit_p):
+        return _name_one(weighed, winner, group, probabilities)
+
+    pair = _best_pair(problem, discrepancy, weighed, winner, progress)
+    shaped = _needed_beside_discrepancy(weighed, winner, group)
+    pair_fits = pair is not None and adequate(pair, scan(pair).lack_of_fit_p)
+    pair_gain = (
+        -np.inf if pair is None else pair.alone.log_evidence + np.log(0.05) - winner.beside_discrepancy.log_evidence
+    )
+    if pair is not None and pair_fits and pair_gain > PAIR_GAIN_NATS:
+        return _name_pair(problem, weighed, pair, probabilities)
+    if shaped:
+        remainder = _remainder(problem, discrepancy, winner, base)
+        if remainder <= SMALL_REMAINDER:
+            why = f"needed even beside a discrepancy of unknown shape; what remains is {remainder:.0%} of its signature"
+            if not group:
+                return Verdict("effect_found", False, winner, probabilities, {winner.name: []}, (why,))
+            return Verdict("ambiguous", False, winner, probabilities, {winner.name: group}, (why,))
+    return Verdict(
+        "unexplained",
+        False,
+        base,
+        probabilities,
+        {},
+        ("the data disagree with the model, and no effect of the catalogue explains how",),
+    )
+
+
+def _name_one(weighed: Weighed, winner: Candidate, group: list[str], probabilities: dict[str, float]) -> Verdict:
+    members = [winner.name, *group]
+    together = sum(probabilities[name] for name in members)
+    if probabilities[winner.name] >= SURE and not group:
+        return Verdict(
+            "effect_found", True, winner, probabilities, {winner.name: []}, ("probability and separation are high",)
+        )
+    if together >= SURE:
+        return Verdict(
+            "ambiguous",
+            True,
+            winner,
+            probabilities,
+            {winner.name: group},
+            ("these data cannot tell the group's members apart",),
+        )
+    if probabilities[UNKNOWN] >= 0.5:
+        return Verdict(
+            "unexplained",
+            False,
+            weighed.base,
+            probabilities,
+            {},
+            ("a discrepancy of unknown shape is the most probable",),
+        )
+    if probabilities[NONE] >= 0.5:
+        return Verdict(
+            "no_discrepancy", True, weighed.base, probabilities, {}, ("nothing is certain; none is the most probable",)
+        )
+    return Verdict("ambiguous", True, winner, probabilities, {winner.name: group}, ("no candidate is certain; ranked",))
+
+
+def _best_pair(
+    problem: Problem, discrepancy: Array, weighed: Weighed, winner: Candidate, progress: Callable[[str], None]
+) -> Candidate | None:
+    """The best two-effect model among those with the winner or two of the leaders in it."""
+    leaders = sorted(weighed.singles, key=lambda c: -c.alone.log_evidence)
+    kinds = [(winner.kinds[0], c.kinds[0]) for c in leaders if c is not winner]
+    fits = []
+    for pair in kinds:
+        progress("+".join(k.name for k in pair))
+        fits.append(fit_candidates(problem, discrepancy, winner.fit, [pair], lambda _: None)[0])
+    return max(fits, key=lambda c: c.alone.log_evidence, default=None)
+
+
+def _needed_beside_discrepancy(weighed: Weighed, winner: Candidate, group: list[str]) -> bool:
+    """Whether the winner (or its group) is needed even with a discrepancy of unknown shape beside every model."""
+    each = (1.0 - PRIOR_NONE - PRIOR_UNKNOWN) / (len(weighed.singles) + len(weighed.untestable))
+    logs = {NONE: np.log(PRIOR_NONE) + weighed.base.beside_discrepancy.log_evidence}
+    logs |= {c.name: np.log(each) + c.beside_discrepancy.log_evidence for c in weighed.singles}
+    posterior = _normalised(logs)
+    return sum(posterior[name] for name in (winner.name, *group)) >= SURE
+
+
+def _remainder(problem: Problem, discrepancy: Array, winner: Candidate, base: Candidate) -> float:
+    """Size of the discrepancy beside the winner, as a share of what the winner explains (both whitened, squared)."""
+    left = discrepancy_mean(winner.fit, winner.beside_discrepancy, discrepancy)
+    explained = max(base.fit.chi2 - winner.fit.chi2, 1e-9)
+    return float(np.sqrt(left @ left / explained))
+
+
+def _name_pair(problem: Problem, weighed: Weighed, pair: Candidate, probabilities: dict[str, float]) -> Verdict:
+    names = [kind.name for kind in pair.kinds]
+    certain = 0.98
+    updated = {name: value * (1.0 - certain) for name, value in probabilities.items()}
+    for name in names:
+        updated[name] = certain / len(names)
+    total = sum(updated.values())
+    updated = dict(sorted(((n, v / total) for n, v in updated.items()), key=lambda item: -item[1]))
+    return Verdict("effect_found", True, pair, updated, {name: [] for name in names}, ("two effects are needed",))

@@ -1,0 +1,179 @@
+"""Where data and model disagree: contiguous regions of the inputs whose residuals lean one way, with family-wise p."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.linalg import qr
+from scipy.stats import chi2 as chi2_distribution
+from scipy.stats import norm
+
+from model.diagnosis.data import Array, Mask, Measurements
+from model.diagnosis.fit import Fit
+from model.diagnosis.noise import Noise, measurement_order
+from model.diagnosis.rival import INPUTS, standardised
+
+PAIRS = (
+    ("frequency_hz", "voltage_v"), ("frequency_hz", "normal_force_n"), ("frequency_hz", "speed_m_s"),
+    ("voltage_v", "speed_m_s"), ("voltage_v", "normal_force_n"), ("frequency_hz", "time_s"),
+)  # fmt: skip
+BINS = {"frequency_hz": 8}
+OTHER_BINS = 5
+FEWEST = 6  # rows inside and outside of a region
+DRAWS = 2000
+MOST_REGIONS = 5
+ALARM = 0.01
+
+
+@dataclass(frozen=True)
+class Region:
+    """A contiguous range of one input, or of two; `sign` +1 where measured friction exceeds the model's."""
+
+    axes: tuple[str, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    count: int
+    z: float
+    p_value: float
+    mean_log_error: float
+
+    @property
+    def sign(self) -> int:
+        """+1: more friction than the model says; -1: less."""
+        return 1 if self.z > 0 else -1
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Everything the residuals of one fit say: regions, and tests of smooth lack of fit and of order in time."""
+
+    regions: tuple[Region, ...]
+    lack_of_fit_p: float
+    order_p: float
+    order_correlation: float
+
+    @property
+    def alarm(self) -> bool:
+        """Whether some region disagrees beyond chance."""
+        return bool(self.regions and self.regions[0].p_value < ALARM)
+
+
+def disagreement(data: Measurements, noise: Noise, fit: Fit, seed: int) -> Disagreement:
+    """Scan the residuals of `fit`."""
+    residual = fit.residual / np.sqrt(fit.scale2)
+    tangent = qr(fit.jacobian, mode="economic")[0]
+    boxes = _boxes(data)
+    regions = _scan(data, noise, residual, tangent, boxes, fit, np.random.default_rng(seed)) if boxes else ()
+    correlation, order_p = neighbour_correlation(data, residual)
+    return Disagreement(tuple(regions), _lack_of_fit(data, noise, residual, tangent), order_p, correlation)
+
+
+@dataclass(frozen=True)
+class _Box:
+    axes: tuple[str, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    rows: Mask
+
+
+def _boxes(data: Measurements) -> list[_Box]:
+    """Contiguous ranges of bins of each input, and of the pairs; every set of rows once."""
+    ranges = {name: _ranges(data, name) for name in INPUTS if data.varies(name)}
+    boxes = [_Box((name,), (low,), (high,), rows) for name, items in ranges.items() for low, high, rows in items]
+    for a, b in PAIRS:
+        if a in ranges and b in ranges:
+            boxes += [_Box((a, b), (la, lb), (ha, hb), ra & rb) for la, ha, ra in ranges[a] for lb, hb, rb in ranges[b]]
+    seen: set[bytes] = set()
+    distinct = []
+    for box in boxes:
+        key = np.packbits(box.rows).tobytes()
+        if key not in seen and FEWEST <= box.rows.sum() <= data.count - FEWEST:
+            seen.add(key)
+            distinct.append(box)
+    return distinct
+
+
+def _ranges(data: Measurements, name: str) -> list[tuple[float, float, Mask]]:
+    values = data.columns[name]
+    allowed = data.driven if name == "frequency_hz" else np.ones(data.count, bool)
+    levels = np.unique(values[allowed])
+    bins = BINS.get(name, OTHER_BINS)
+    groups = (
+        np.array_split(levels, min(bins, levels.size)) if levels.size <= 2 * bins else _quantiles(values[allowed], bins)
+    )
+    edges = [(float(g[0]), float(g[-1])) for g in groups if len(g)]
+    found = []
+    for i, j in combinations(range(len(edges) + 1), 2):
+        if (i, j) != (0, len(edges)):
+            low, high = edges[i][0], edges[j - 1][1]
+            found.append((low, high, allowed & (values >= low) & (values <= high)))
+    return found
+
+
+def _quantiles(values: Array, bins: int) -> list[Array]:
+    return list(np.array_split(np.sort(values), bins))
+
+
+def _scan(
+    data: Measurements,
+    noise: Noise,
+    residual: Array,
+    tangent: Array,
+    boxes: list[_Box],
+    fit: Fit,
+    rng: np.random.Generator,
+) -> list[Region]:
+    directions = noise.whiten(np.stack([box.rows for box in boxes], axis=1).astype(float))
+    directions -= tangent @ (tangent.T @ directions)
+    norms = np.linalg.norm(directions, axis=0)
+    usable = norms > 1e-6 * np.sqrt(data.count)
+    boxes = [box for box, ok in zip(boxes, usable, strict=True) if ok]
+    directions = directions[:, usable] / norms[usable]
+    largest = np.sort(np.abs(directions.T @ rng.standard_normal((data.count, DRAWS))).max(axis=0))
+    raw = noise.lower @ residual * np.sqrt(fit.scale2)
+    regions, left = [], residual.copy()
+    for _ in range(MOST_REGIONS):
+        z = directions.T @ left
+        best = int(np.argmax(np.abs(z)))
+        p = float((np.sum(largest >= abs(z[best])) + 1.0) / (DRAWS + 1.0))
+        box = boxes[best]
+        error = float(raw[box.rows].mean())
+        regions.append(Region(box.axes, box.low, box.high, int(box.rows.sum()), float(z[best]), p, error))
+        left = left - z[best] * directions[:, best]
+        if p > 0.2:
+            break
+    return regions
+
+
+def _lack_of_fit(data: Measurements, noise: Noise, residual: Array, tangent: Array) -> float:
+    """p of a smooth (quadratic) pattern in the inputs that the model's own parameters cannot make."""
+    driven = data.driven.astype(float)
+    x = {name: standardised(data, name) for name in INPUTS if data.varies(name)}
+    columns = [driven]
+    for i, a in enumerate(x):
+        weight = driven if a in ("frequency_hz", "voltage_v") else 1.0
+        columns.append(x[a] * weight)
+        columns += [x[a] * x[b] * driven for b in list(x)[i:]]
+    basis = noise.whiten(np.stack(columns, axis=1))
+    basis -= tangent @ (tangent.T @ basis)
+    left, singular, _ = np.linalg.svd(basis, full_matrices=False)
+    left = left[:, singular > 1e-6 * singular[0]]
+    return float(chi2_distribution.sf(np.sum((left.T @ residual) ** 2), left.shape[1]))
+
+
+def neighbour_correlation(data: Measurements, residual: Array) -> tuple[float, float]:
+    """Correlation of neighbours in time within sessions, and its two-sided p."""
+    order = measurement_order(data)
+    products, squares, pairs = 0.0, 0.0, 0
+    for s in range(len(data.session_names)):
+        rows = np.flatnonzero(data.session == s)
+        r = residual[rows[np.argsort(order[rows], kind="stable")]]
+        products += float(r[1:] @ r[:-1])
+        squares += float(r @ r)
+        pairs += max(r.size - 1, 0)
+    if pairs < FEWEST or squares == 0.0:
+        return 0.0, 1.0
+    correlation = products / squares
+    return correlation, float(2.0 * norm.sf(abs(correlation) * np.sqrt(pairs)))

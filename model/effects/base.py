@@ -1,0 +1,123 @@
+"""What an effect is: one file, one small frozen record, entering the chain at one place.
+
+An effect overrides the method of the stage where it enters; every other stage passes through unchanged. Its fields are
+its parameters: floats, or arrays that broadcast against the conditions. Each carries its unit, bounds, prior, and the
+value at which the effect is off and the base model comes back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from functools import cache
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+
+from model.parameters import TouchParameters
+from model.touch import Branch, Contact, Drive, Friction, Values
+
+Stage = Literal["drive", "stack", "air gap", "pressure", "load", "friction", "contact"]
+Scale = Literal["log", "linear"]
+SPEED_REFERENCE_M_S = (
+    0.02  # the speed of the paper's experiment; where an effect of speed leaves the base model as it is
+)
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """Unit, prior, bounds and off value of one parameter.
+
+    The prior is normal: on a linear scale around `median`, on a log scale of the logarithm, with standard deviation
+    `std` (natural log units). Unless a file says otherwise its numbers are judged, not measured.
+    """
+
+    name: str
+    unit: str
+    scale: Scale
+    median: float
+    std: float
+    low: float
+    high: float
+    off: float
+
+    def from_normal(self, x: Values) -> Values:
+        """The value that lies `x` prior standard deviations from the median, kept within the bounds."""
+        value = (
+            self.median * np.exp(np.clip(self.std * x, -80.0, 80.0))
+            if self.scale == "log"
+            else self.median + self.std * x
+        )
+        return np.clip(value, self.low, self.high)
+
+    def to_normal(self, value: float) -> float:
+        """How many prior standard deviations `value` lies from the median."""
+        offset = np.log(value / self.median) if self.scale == "log" else value - self.median
+        return float(offset / self.std)
+
+
+def log_parameter(unit: str, median: float, factor: float, bounds: tuple[float, float], off: float) -> Any:
+    """A positive parameter known to a `factor` (one standard deviation)."""
+    low, high = bounds
+    return field(
+        metadata={
+            "unit": unit,
+            "scale": "log",
+            "median": median,
+            "std": float(np.log(factor)),
+            "low": low,
+            "high": high,
+            "off": off,
+        }
+    )
+
+
+def linear_parameter(unit: str, median: float, std: float, bounds: tuple[float, float], off: float) -> Any:
+    """A parameter of either sign."""
+    low, high = bounds
+    return field(
+        metadata={"unit": unit, "scale": "linear", "median": median, "std": std, "low": low, "high": high, "off": off}
+    )
+
+
+@dataclass(frozen=True)
+class Effect:
+    """The null effect: every stage unchanged. Candidates derive from it.
+
+    `needs` names the optional data columns without which the effect leaves no trace; `signature` says what it looks
+    like in data, `check` what a person can do at the rig to see whether it is there.
+    """
+
+    name: ClassVar[str] = "none"
+    stage: ClassVar[Stage] = "drive"
+    physics: ClassVar[str] = "nothing is missing"
+    source: ClassVar[str] = ""
+    signature: ClassVar[str] = "residuals without structure"
+    check: ClassVar[str] = "repeat the measurement"
+    needs: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    @cache
+    def parameters(cls) -> tuple[EffectParameter, ...]:
+        """The parameters in the order of the fields."""
+        return tuple(EffectParameter(f.name, **f.metadata) for f in fields(cls))
+
+    @classmethod
+    def off(cls) -> Self:
+        """The effect with every parameter at its off value."""
+        return cls(**{p.name: p.off for p in cls.parameters()})
+
+    def drive(self, drive: Drive) -> Drive:
+        """What the amplifier makes of the set amplitude."""
+        return drive
+
+    def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:
+        """What the layers and the air gap are at one frequency."""
+        return branch
+
+    def contact(self, contact: Contact, parameters: TouchParameters, drive: Drive) -> Contact:
+        """How the skin lies on the screen, and what else pulls it there."""
+        return contact
+
+    def friction(self, friction: Friction, drive: Drive) -> Friction:
+        """How friction follows from load."""
+        return friction

@@ -1,0 +1,32 @@
+"""A resistance with a constant-phase element across the gap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from model.effects.base import Effect, Stage, linear_parameter, log_parameter
+from model.parameters import TouchParameters
+from model.touch import Branch, Drive
+
+
+@dataclass(frozen=True)
+class ElectrodePolarization(Effect):
+    """Admittance per area 1/(R_ct + 1/(Q (j w)^n)) in parallel with the air gap."""
+
+    name: ClassVar[str] = "electrode_polarization"
+    stage: ClassVar[Stage] = "air gap"
+    physics: ClassVar[str] = "charge transfer and a double layer bridge the air gap"
+    source: ClassVar[str] = "10.1002/aisy.202300618; ranges unverified"
+    signature: ClassVar[str] = "less force at low frequency, by a power of frequency"
+    check: ClassVar[str] = "measure the impedance of the touch between 10 Hz and 1 kHz; wipe finger and screen dry"
+
+    transfer_resistance_ohm_m2: float = log_parameter("ohm m^2", 30.0, 8.0, (1e-6, 1e12), off=float("inf"))
+    admittance_s_sn_per_m2: float = log_parameter("S s^n/m^2", 1e-3, 10.0, (1e-12, 1e6), off=1.0)
+    exponent: float = linear_parameter("1", 0.75, 0.15, (0.3, 1.0), off=1.0)
+
+    def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:
+        """See `Effect`."""
+        element = 1.0 / (self.admittance_s_sn_per_m2 * (1j * branch.omega) ** self.exponent)
+        admittance = 1.0 / (self.transfer_resistance_ohm_m2 + element)
+        return replace(branch, gap_admittance_s_per_m2=branch.gap_admittance_s_per_m2 + admittance)

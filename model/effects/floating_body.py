@@ -1,0 +1,30 @@
+"""No ground strap: the body couples to ground through its capacitance only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from model.dielectrics import EPS0
+from model.effects.base import Effect, Stage, log_parameter
+from model.parameters import TouchParameters
+from model.touch import Branch, Drive
+
+
+@dataclass(frozen=True)
+class FloatingBody(Effect):
+    """h -> h + eps0 A0/C_b."""
+
+    name: ClassVar[str] = "floating_body"
+    stage: ClassVar[Stage] = "stack"
+    physics: ClassVar[str] = "the body floats on its capacitance to ground"
+    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
+    signature: ClassVar[str] = "force falls at every frequency, least where leakage already limits it"
+    check: ClassVar[str] = "put on a grounding strap"
+
+    body_capacitance_f: float = log_parameter("F", 5e-10, 4.0, (1e-14, 1e-2), off=float("inf"))
+
+    def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:
+        """See `Effect`."""
+        length_m = EPS0 * parameters.contact_area_m2 / self.body_capacitance_f
+        return replace(branch, series_length_m=branch.series_length_m + length_m)

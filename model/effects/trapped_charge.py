@@ -1,0 +1,27 @@
+"""Charge trapped on the insulator pulls without voltage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from model.effects.base import Effect, Stage, log_parameter
+from model.touch import Drive
+
+
+@dataclass(frozen=True)
+class TrappedCharge(Effect):
+    """Mean square V^2/2 -> V^2/2 + V_s^2; for a biased drive (V_dc - V_s)^2."""
+
+    name: ClassVar[str] = "trapped_charge"
+    stage: ClassVar[Stage] = "pressure"
+    physics: ClassVar[str] = "charge is trapped on the screen's surface"
+    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
+    signature: ClassVar[str] = "attraction that remains without voltage; polarity of a bias matters"
+    check: ClassVar[str] = "wipe the screen with a grounded damp cloth; reverse a steady voltage"
+
+    surface_voltage_v: float = log_parameter("V", 20.0, 2.2, (1e-3, 1e4), off=0.0)
+
+    def drive(self, drive: Drive) -> Drive:
+        """See `Effect`."""
+        return replace(drive, surface_voltage_v=self.surface_voltage_v)

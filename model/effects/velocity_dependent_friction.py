@@ -1,0 +1,31 @@
+"""Friction depends on sliding speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from model.effects.base import SPEED_REFERENCE_M_S, Effect, Stage, linear_parameter
+from model.touch import Drive, Friction
+
+
+@dataclass(frozen=True)
+class VelocityDependentFriction(Effect):
+    """mu_off -> mu_off (v/v_ref)^s, v_ref = 20 mm/s."""
+
+    name: ClassVar[str] = "velocity_dependent_friction"
+    stage: ClassVar[Stage] = "friction"
+    physics: ClassVar[str] = "skin friction is not Coulomb's in speed"
+    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
+    signature: ClassVar[str] = "friction without voltage depends on speed"
+    check: ClassVar[str] = "measure friction without voltage at 5 and 50 mm/s"
+    needs: ClassVar[tuple[str, ...]] = ("speed_m_s",)
+
+    exponent: float = linear_parameter("1", 0.0, 0.15, (-2.0, 2.0), off=0.0)
+
+    def friction(self, friction: Friction, drive: Drive) -> Friction:
+        """See `Effect`."""
+        factor = (np.maximum(drive.speed_m_s, 1e-6) / SPEED_REFERENCE_M_S) ** self.exponent
+        return replace(friction, cof_off_factor=friction.cof_off_factor * factor)

@@ -1,0 +1,91 @@
+"""One touch on its way through the chain: what the stages hand to one another, and what effects may change.
+
+All fields are floats or arrays that broadcast against the conditions, so that many conditions and many parameter sets
+run at once. A drive has one branch per frequency in it: its alternating part and, where there is a bias, direct
+current.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from model.parameters import TouchParameters
+
+Values = Any  # float or array, real or complex, broadcasting against the conditions
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What the experimenter sets: amplitude and bias at the amplifier's output, load, speed and time.
+
+    `mean_square_factor` is 1/2 for a sine, 1 for a square wave or direct current; `steady` is 1 where `voltage_v`
+    itself is direct; `surface_voltage_v` stands on the insulator whatever is driven.
+    """
+
+    frequency_hz: Values
+    voltage_v: Values
+    voltage_offset_v: Values
+    mean_square_factor: Values
+    normal_force_n: Values
+    speed_m_s: Values
+    time_s: Values
+    steady: Values = 0.0
+    surface_voltage_v: Values = 0.0
+
+    @property
+    def mean_square_v2(self) -> Values:
+        """Mean square voltage of the main branch, the surface's included."""
+        against = 2.0 * self.steady * self.voltage_v * self.surface_voltage_v
+        return self.mean_square_factor * self.voltage_v**2 - against + self.surface_voltage_v**2
+
+    @property
+    def offset_mean_square_v2(self) -> Values:
+        """Mean square voltage of the bias, against the surface's; the surface's own is in `mean_square_v2`."""
+        return self.voltage_offset_v * (self.voltage_offset_v - 2.0 * self.surface_voltage_v)
+
+
+@dataclass(frozen=True)
+class Branch:
+    """The electrical stack at one frequency: permittivities, and what stands behind and beside the gap.
+
+    `omega` in rad/s; `series_length_m` adds to h; `gap_admittance_s_per_m2` lies in parallel with the air gap, beside
+    the contact leak.
+    """
+
+    omega: Values
+    k_insulator: Values
+    k_skin: Values
+    k_gap: Values
+    series_length_m: Values = 0.0
+    gap_admittance_s_per_m2: Values = 0.0
+
+    def skin_length_m(self, p: TouchParameters) -> Values:
+        """Complex length of the skin, d2/k2."""
+        return p.skin_thickness_m / self.k_skin
+
+    def h_m(self, p: TouchParameters) -> Values:
+        """Complex length of everything but the gap."""
+        return p.insulator_thickness_m / self.k_insulator + self.skin_length_m(p) + self.series_length_m
+
+
+@dataclass(frozen=True)
+class Contact:
+    """How the rough skin lies on the screen.
+
+    `modulus_factor` scales Y*; `gap_shift_m` lifts every gap; `added_pressure_pa` pulls beside the electric field;
+    `field_limit_v_per_m` caps the amplitude of the local field.
+    """
+
+    modulus_factor: Values = 1.0
+    gap_shift_m: Values = 0.0
+    added_pressure_pa: Values = 0.0
+    field_limit_v_per_m: Values = float("inf")
+
+
+@dataclass(frozen=True)
+class Friction:
+    """How friction follows from load: cof_off cof_off_factor load^load_exponent / applied load, loads in newtons."""
+
+    cof_off_factor: Values = 1.0
+    load_exponent: Values = 1.0
