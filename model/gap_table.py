@@ -74,7 +74,7 @@ def build_table(shape: SelfAffineShape) -> GapTable:
     for i, log_p in enumerate(axis(LOG_P_AXIS)):
         mass[i] = gap_mass(shape, float(np.exp(log_p)))
         k_hat, l_hat = integrals_of(mass[i], z)
-        values[i] = np.stack([np.log(k_hat), np.log(np.abs(l_hat)), np.angle(l_hat)], axis=-1)
+        values[i] = logarithms(k_hat, l_hat)
     return GapTable(shape, values, mass)
 
 
@@ -109,6 +109,12 @@ def integrals_of(mass: Array, z_hat: NDArray[np.complex128]) -> tuple[Array, NDA
     return k_hat.reshape(z_hat.shape), l_hat.reshape(z_hat.shape)
 
 
+def logarithms(k_hat: Array, l_hat: NDArray[np.complex128]) -> Array:
+    """log K^, log |L^|, arg L^ along a last axis; a finite floor where the skin is pressed flat and no gap is left."""
+    tiny = np.finfo(np.float64).tiny
+    return np.stack([np.log(np.maximum(k_hat, tiny)), np.log(np.maximum(np.abs(l_hat), tiny)), np.angle(l_hat)], axis=-1)
+
+
 def axis(spec: tuple[float, float, int]) -> Array:
     """The nodes of one uniform axis."""
     return np.linspace(*spec)
@@ -118,7 +124,8 @@ def axis(spec: tuple[float, float, int]) -> Array:
 def lookup(values: Array, p_hat: float, z_hat: complex, out: Array) -> bool:
     """K^, |L^| and arg L^ at one point into `out` [3]; False (and the nearest edge) outside the table's pressures.
 
-    Local cubic interpolation on four nodes per axis: 3e-5 of the direct quadrature. Beyond the lengths of the table
+    Local cubic interpolation on four nodes per axis: 3e-5 of the direct quadrature (4e-4 near the highest pressures,
+    where hardly a gap is left). Beyond the lengths of the table
     its limits hold: K ~ 1/|z| below (P is constant there), K ~ 1/|z|^2 and L ~ 1/z above. K(conj z) = K(z),
     L(conj z) = conj L(z).
     """
@@ -170,9 +177,11 @@ def _key(shape: SelfAffineShape) -> str:
 def _read(shape: SelfAffineShape, path: Path) -> GapTable | None:
     """The cached table; None where it is absent or damaged, for it is only a cache."""
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             values, mass = file["values"], file["mass"]
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except (OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile):
+        return None
+    if values.dtype != np.float64 or mass.dtype != np.float64:
         return None
     expected = (LOG_P_AXIS[2], LOG_Z_AXIS[2], ANGLE_AXIS[2], 3), (LOG_P_AXIS[2], gap_nodes().size)
     sound = (values.shape, mass.shape) == expected and np.isfinite(values).all() and np.isfinite(mass).all()
@@ -181,10 +190,13 @@ def _read(shape: SelfAffineShape, path: Path) -> GapTable | None:
 
 def _write(path: Path, table: GapTable) -> None:
     """Atomically, so that two processes may build at once; a cache that cannot be written is done without."""
+    part = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as part:
-            np.savez(part, values=table.values, mass=table.mass)
-        os.replace(part.name, path)
+        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        with os.fdopen(handle, "wb") as stream:
+            np.savez(stream, values=table.values, mass=table.mass)
+        os.replace(part, path)
     except OSError:
-        return
+        if part is not None:
+            Path(part).unlink(missing_ok=True)

@@ -61,13 +61,15 @@ class Conditions:
     def drive(self) -> Drive:
         """The same as the chain's first stage takes it."""
         voltage = np.asarray(self.voltage_v, dtype=np.float64)
+        offset = np.zeros_like(voltage) if self.voltage_offset_v is None else np.asarray(self.voltage_offset_v)
         wave = np.full(voltage.shape, "sine") if self.waveform is None else np.asarray(self.waveform)
         steady = (wave == "dc").astype(np.float64)
+        voltage = np.where(steady == 1.0, voltage + offset, voltage)  # two direct voltages are one
         frequency = np.where(voltage == 0.0, UNDRIVEN_HZ, np.where(wave == "dc", 0.0, self.frequency_hz))
         return Drive(
             frequency_hz=frequency,
             voltage_v=voltage,
-            voltage_offset_v=0.0 if self.voltage_offset_v is None else np.asarray(self.voltage_offset_v),
+            voltage_offset_v=np.where(steady == 1.0, 0.0, offset),
             mean_square_factor=np.array([MEAN_SQUARE[name] for name in wave]),
             normal_force_n=np.asarray(self.normal_force_n, dtype=np.float64),
             speed_m_s=SPEED_REFERENCE_M_S if self.speed_m_s is None else np.asarray(self.speed_m_s),

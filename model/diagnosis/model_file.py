@@ -1,0 +1,229 @@
+"""The corrected model as a file that the simulator loads: fitted finger, named effects, and their origin."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+
+from model.description import ModelDescription
+from model.diagnosis.fit import Fit
+from model.diagnosis.naming import Candidate
+from model.diagnosis.space import NUISANCES
+from model.diagnosis.workflow import Diagnosis
+from model.dielectrics import NAMED, PowerLaw, Tabulated
+from model.errors import ModelError
+from model.parameters import SPECIFICATION, Parameter
+
+NAMED_VERDICTS = ("effect_found", "ambiguous")  # those whose model carries effects
+TABLES = "dielectric"  # folder beside the model file that a user's own dielectric table goes to
+Scalar = float | int | str
+
+
+def program() -> str:
+    """Name and version of this program."""
+    try:
+        return f"haptic-driver {version('haptic-driver')}"
+    except PackageNotFoundError:
+        return "haptic-driver, not installed"
+
+
+def fitted_nuisances(description: ModelDescription, fit: Fit, source: str = "") -> dict[str, Parameter]:
+    """The finger's own parameters as fitted, with one standard deviation to first order, within a file's ranges."""
+    found = {}
+    for i, nuisance in enumerate(NUISANCES):
+        before, specification = description.parameters[nuisance.name], SPECIFICATION[nuisance.name]
+        exact = before.value * np.exp(nuisance.log_std * fit.vector[i])
+        value = float(np.clip(exact, specification["low"], specification["high"]))
+        std = value * nuisance.log_std * float(np.sqrt(fit.covariance[i, i]))
+        found[nuisance.name] = Parameter(value, before.unit, source, std)
+    return found
+
+
+def fitted_effects(fit: Fit, source: str = "") -> dict[str, dict[str, Parameter]]:
+    """Every effect's parameters as fitted, with one standard deviation to first order."""
+    found: dict[str, dict[str, Parameter]] = {}
+    position = len(NUISANCES)
+    for kind in fit.kinds:
+        found[kind.name] = {}
+        for p in kind.parameters():
+            value = float(p.from_normal(fit.vector[position]))
+            slope = abs(value) * p.std if p.scale == "log" else p.std
+            std = slope * float(np.sqrt(fit.covariance[position, position]))
+            found[kind.name][p.name] = Parameter(value, p.unit, source, std)
+            position += 1
+    return found
+
+
+def fitted_model(diagnosis: Diagnosis, description: ModelDescription, source_name: str) -> ModelDescription:
+    """The input model with the fitted finger and, where the verdict names any, the effects; unchanged without a fit."""
+    if diagnosis.verdict is None:
+        return description
+    fit = diagnosis.verdict.chosen.fit
+    data = f"{Path(source_name).name}, sha256 {diagnosis.data.content_hash[:16]}"
+    effects = fitted_effects(fit, f"fit to {data}") if diagnosis.name in NAMED_VERDICTS else {}
+    name = "+".join([description.name.removesuffix("-fitted"), *effects]) if effects else _fitted(description.name)
+    return replace(
+        description,
+        name=name,
+        about=f"{description.name}, fitted to {data}: {diagnosis.name}",
+        parameters=description.parameters | fitted_nuisances(description, fit, f"fit to {data}"),
+        effect_parameters=description.effect_parameters | effects,
+    )
+
+
+def _fitted(name: str) -> str:
+    return name if name.endswith("-fitted") else f"{name}-fitted"
+
+
+def write_model(diagnosis: Diagnosis, description: ModelDescription, path: Path, source_name: str) -> ModelDescription:
+    """Write the corrected model to `path`, and return it.
+
+    An older, different file of that name is kept as `<stem>-1.toml`, `-2`, ... in order of age. A user's own dielectric
+    table is copied into a folder beside the file. ModelError where the dielectric set cannot be written to a file.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    model = fitted_model(diagnosis, description, source_name)
+    text = model_text(model, _dielectric(model, path.parent), _origin(diagnosis, description, source_name))
+    if path.exists():
+        if _without_date(path.read_bytes()) == _without_date(text.encode()):
+            return model
+        _keep(path)
+    partial = path.with_name(path.name + ".part")
+    partial.write_text(text, encoding="utf-8")
+    partial.replace(path)
+    return model
+
+
+def model_text(model: ModelDescription, dielectric: Mapping[str, Scalar], origin: Mapping[str, Scalar]) -> str:
+    """A model as TOML that `read_model` reads back to the same physics."""
+    lines = [
+        "# Written by `haptic diagnose`; [origin] says from what. Values in SI units, std is one standard deviation.",
+        f"name = {_toml(model.name)}",
+        f"about = {_toml(model.about)}",
+        f"friction_law = {_toml(model.friction_law)}",
+        *_table("dielectric", dielectric),
+        "",
+        "[parameters]",
+        *_parameters(model.parameters),
+    ]
+    for effect, values in model.effect_parameters.items():
+        lines += ["", f"[effects.{effect}]", *_parameters(values)]
+    return "\n".join([*lines, *_table("origin", origin), ""])
+
+
+def _table(name: str, entries: Mapping[str, Scalar]) -> list[str]:
+    return ["", f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in entries.items())]
+
+
+def _parameters(values: Mapping[str, Parameter]) -> list[str]:
+    width = max(map(len, values))
+    return [f"{name:<{width}} = {_parameter(p)}" for name, p in values.items()]
+
+
+def _parameter(parameter: Parameter) -> str:
+    std = "" if parameter.std is None or not np.isfinite(parameter.std) else f", std = {_toml(parameter.std)}"
+    source = f", source = {_toml(parameter.source)}" if parameter.source else ""
+    return f"{{ value = {_toml(parameter.value)}{std}{source} }}"
+
+
+def _toml(value: Scalar) -> str:
+    """One value; a string's escapes are those JSON and TOML share."""
+    if isinstance(value, str):
+        clean = value.encode("utf-8", "replace").decode("utf-8")
+        return json.dumps(clean, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(float(value)) if isinstance(value, float) else repr(int(value))
+
+
+def _dielectric(model: ModelDescription, folder: Path) -> dict[str, Scalar]:
+    chosen = model.dielectric
+    if isinstance(chosen, PowerLaw):
+        names = ("eps_inf", "amplitude", "exponent", "conductivity_s_per_m")
+        return {"set": "power_law", **{name: float(getattr(chosen, name)) for name in names}}
+    if isinstance(chosen, Tabulated):
+        return {"set": "csv", "file": _write_table(chosen, folder)}
+    if NAMED.get(chosen.name) == chosen:
+        return {"set": chosen.name}
+    raise ModelError(f"dielectric set '{chosen.name}' cannot be written to a model file", "Tabulate it as a CSV file")
+
+
+def _write_table(table: Tabulated, folder: Path) -> str:
+    """Copy a dielectric table to a place of its own under `folder`; the file keeps its name, which is part of it."""
+    columns = zip(table.frequency_hz, table.eps_real, table.conductivity_s_per_m, strict=True)
+    rows = ["frequency_hz,eps_real,conductivity_s_per_m", *(",".join(repr(float(v)) for v in row) for row in columns)]
+    text = "\n".join([*rows, ""])
+    given = re.fullmatch(r"user's table (.+)", table.source)
+    name = Path(given[1]).name if given and Path(given[1]).stem == table.name else f"{table.name}.csv"
+    number = 0
+    while True:
+        relative = Path(f"{TABLES}-{number}" if number else TABLES) / name
+        target = folder / relative
+        if not target.exists():
+            target.parent.mkdir(exist_ok=True)
+            target.write_text(text, encoding="utf-8")
+            return relative.as_posix()
+        if target.read_bytes() == text.encode():
+            return relative.as_posix()
+        number += 1
+
+
+def _origin(diagnosis: Diagnosis, description: ModelDescription, source_name: str) -> dict[str, Scalar]:
+    origin: dict[str, Scalar] = {
+        "data": Path(source_name).name,
+        "data_sha256": diagnosis.data.content_hash,
+        "verdict": diagnosis.name,
+        "parent_model": description.name,
+        "parent_hash": description.content_hash,
+    }
+    verdict, weighed = diagnosis.verdict, diagnosis.weighed
+    if verdict is not None and weighed is not None:
+        origin["probability"] = verdict_probability(diagnosis)
+        origin["log_evidence"] = float(verdict.chosen.alone.log_evidence)
+        origin["log_evidence_gain"] = float(verdict.chosen.alone.log_evidence - weighed.base.alone.log_evidence)
+        for name, alike in verdict.group.items():
+            if alike:
+                origin[f"{name}_indistinguishable_from"] = ", ".join(alike)
+    return origin | {
+        "seed": diagnosis.seed,
+        "program": program(),
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def verdict_probability(diagnosis: Diagnosis) -> float:
+    """Probability of what the verdict says: its effects and what is not told apart from them, none, or unknown."""
+    verdict = diagnosis.verdict
+    if verdict is None:
+        return float("nan")
+    if diagnosis.name in NAMED_VERDICTS:
+        names = {name for effect in _names(verdict.chosen) for name in (effect, *verdict.group.get(effect, []))}
+        return min(1.0, float(sum(verdict.probabilities.get(name, 0.0) for name in names)))
+    return float(verdict.probabilities["none" if diagnosis.name == "no_discrepancy" else "unknown"])
+
+
+def _names(candidate: Candidate) -> list[str]:
+    return [kind.name for kind in candidate.kinds]
+
+
+def _without_date(text: bytes) -> bytes:
+    return re.sub(rb"(?m)^date = .*\n", b"", text)
+
+
+def _keep(path: Path) -> None:
+    """Copy the file at `path` to the next free number."""
+    number = 1
+    while True:
+        try:
+            with path.with_name(f"{path.stem}-{number}{path.suffix}").open("xb") as kept, path.open("rb") as old:
+                shutil.copyfileobj(old, kept)
+        except FileExistsError:
+            number += 1
+        else:
+            return

@@ -1,0 +1,281 @@
+"""What to measure next: the few settings at which the leading models differ most, beside what stays unknown.
+
+Box and Hill's and Hunter and Reiner's discrimination: |mu_i - mu_j|^2/(noise^2 + variance of the predictions), weighed
+by the models' probabilities; here for sets of settings in one new session, whose unknown gain all of them share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky
+
+from model.description import ModelDescription
+from model.diagnosis.data import Array, Measurements
+from model.diagnosis.fit import STEP, Problem
+from model.diagnosis.naming import NONE, Candidate, imitation
+from model.diagnosis.noise import SESSION_GAIN_STD
+from model.diagnosis.space import Predictor
+from model.diagnosis.verdict import ALIKE, APART
+from model.diagnosis.where import ALARM
+from model.diagnosis.workflow import Diagnosis
+
+REPEATS = 5  # readings at each proposed setting
+MODELS = 4  # that take part
+MOST_LEVELS = 4  # of voltage, load, speed and time
+PRESENT_LEVELS = 12  # of frequency that a data set may add to the 1-2-5 steps
+STEPS_HZ = (*(m * 10.0**e for e in range(6) for m in (1, 2, 5)), 1e6)
+UNDRIVEN_HZ = 250.0
+LEAST_WEIGHT = 1e-3  # of a pair, beside the weightiest: improbable rivals still deserve a test
+
+
+@dataclass(frozen=True)
+class _Outlook:
+    """A model's prediction of log friction at all settings [s], and the directions [s, k] in which it is uncertain."""
+
+    candidate: Candidate
+    probability: float
+    mean: Array
+    spread: Array
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Two models: how they differ at all settings [s], what hides it [s, k], and what the pair weighs."""
+
+    names: tuple[str, str]
+    weight: float
+    difference: Array
+    spread: Array
+
+
+def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: int = 6) -> list[dict[str, Any]]:
+    """At most `most` settings, best first; where no setting tells the two leading models apart, physical checks.
+
+    `kind` is `setting` or `check`, `purpose` says in words what it is for. `separation` is what a setting adds, in
+    chi^2, to the models' expected difference, given the settings before it; `lambda_now` and `lambda_after` are what
+    is left of one leading model's prediction when the other is fitted: now, and with all proposed settings measured
+    (refitted, not extrapolated). Without an explanation, the settings repeat where data and model disagree most.
+    """
+    problem, verdict = diagnosis.problem, diagnosis.verdict
+    if problem is None or verdict is None:
+        return []
+    if diagnosis.name == "unexplained":
+        return _repeats(diagnosis, most)
+    leaders = _leaders(diagnosis)
+    if len(leaders) < 2:
+        return []
+    settings = _settings(diagnosis.data, [c for c, _ in leaders])
+    outlooks, usable = _outlooks(description, settings, leaders)
+    settings = settings.subset(usable)
+    noise = float(np.median(problem.noise.relative_std)) * float(np.sqrt(verdict.chosen.fit.scale2))
+    picked, gains = _greedy(_pairs(outlooks), noise, most if usable.any() else 0)
+    first, second = leaders[0][0], leaders[1][0]
+    now = after = _separation(problem, first, second)
+    if picked:
+        chosen = settings.subset(np.isin(np.arange(settings.count), picked))
+        after = _separation(_extended(diagnosis, description, problem, chosen), first, second)
+    common = {
+        "purpose": f"tells {_words(first)} from {_words(second)}",
+        "separates": [first.name, second.name],
+        "lambda_now": now,
+        "lambda_after": after,
+    }
+    if after < ALIKE:
+        return [] if diagnosis.name == "no_discrepancy" else _checks((first, second), common)
+    return [
+        {"kind": "setting", **_setting(settings, index), "repeats": REPEATS, "separation": gain, **common}
+        for index, gain in zip(picked, gains, strict=True)
+    ]
+
+
+def _words(candidate: Candidate) -> str:
+    return "nothing missing" if not candidate.kinds else candidate.name.replace("_", " ").replace("+", " with ")
+
+
+def _repeats(diagnosis: Diagnosis, most: int) -> list[dict[str, Any]]:
+    """One measured setting from the middle of each region that disagrees, strongest first."""
+    data, regions = diagnosis.data, () if diagnosis.before is None else diagnosis.before.regions
+    found: list[dict[str, Any]] = []
+    for region in [r for r in regions if r.p_value < ALARM][:most]:
+        inside = np.ones(data.count, bool)
+        for axis, low, high in zip(region.axes, region.low, region.high, strict=True):
+            inside &= (data.columns[axis] >= low) & (data.columns[axis] <= high)
+            inside &= data.driven if axis == "frequency_hz" else True
+        rows = np.flatnonzero(inside)
+        row = int(rows[np.lexsort([data.columns[axis][rows] for axis in region.axes])][rows.size // 2])
+        names = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s")
+        here = Measurements({n: data.columns[n] for n in names if n in data.columns}, data.session, (), None, "")
+        found.append(
+            {
+                "kind": "setting",
+                **_setting(here, row),
+                "repeats": REPEATS,
+                "purpose": "shows whether the disagreement comes back in a new session, and with another finger",
+            }
+        )
+    return found
+
+
+def _leaders(diagnosis: Diagnosis) -> list[tuple[Candidate, float]]:
+    """The models to tell apart with their probabilities: the chosen, what it is confused with, then the likeliest."""
+    verdict, weighed = diagnosis.verdict, diagnosis.weighed
+    if verdict is None or weighed is None:
+        return []
+    alike = {name for names in verdict.group.values() for name in names}
+    fitted = [c for c in (weighed.base, *weighed.singles) if c.kinds != verdict.chosen.kinds]
+    fitted.sort(key=lambda c: (c.name not in alike, -verdict.probabilities[c.name]))
+    own = [verdict.probabilities[kind.name] for kind in verdict.chosen.kinds] or [verdict.probabilities[NONE]]
+    return [(verdict.chosen, sum(own)), *((c, verdict.probabilities[c.name]) for c in fitted[: MODELS - 1])]
+
+
+def _settings(data: Measurements, leaders: Sequence[Candidate]) -> Measurements:
+    """All combinations of levels, and every load and speed without voltage; one row each."""
+    c = data.columns
+    driven = data.driven
+    needs = {need for candidate in leaders for kind in candidate.kinds for need in kind.needs}
+    present = np.unique(c["frequency_hz"][driven])
+    frequencies = sorted({*STEPS_HZ, *(present.tolist() if present.size <= PRESENT_LEVELS else ())})
+    voltages = [v for v in _levels(c["voltage_v"][driven]) if v > 0.0]
+    axes: dict[str, list[float]] = {"normal_force_n": _beyond(_levels(c["normal_force_n"]), 1.5)}
+    if "speed_m_s" in c:
+        speeds = _levels(c["speed_m_s"])
+        axes["speed_m_s"] = _beyond(speeds, 2.0) if speeds[0] > 0.0 else speeds
+    if "time_s" in needs:
+        axes["time_s"] = [float(t) for t in np.unique([c["time_s"].min(), np.median(c["time_s"]), c["time_s"].max()])]
+    rest = list(product(*axes.values()))
+    rows = [(f, v, *others) for f in frequencies for v in voltages for others in rest]
+    rows += [(UNDRIVEN_HZ, 0.0, *others) for others in rest]
+    table = np.array(rows, dtype=np.float64)
+    columns = dict(zip(("frequency_hz", "voltage_v", *axes), table.T, strict=True))
+    return Measurements(columns, np.zeros(len(rows), np.intp), ("next",), None, "")
+
+
+def _levels(values: Array) -> list[float]:
+    """The distinct values where they are few, else quantiles; lowest and highest included, to three digits inside."""
+    distinct = np.unique(values)
+    if distinct.size <= MOST_LEVELS:
+        return [float(v) for v in distinct]
+    inner = np.quantile(distinct, np.linspace(0.0, 1.0, MOST_LEVELS), method="nearest")
+    return sorted({float(v) if v in inner[[0, -1]] else float(f"{v:.3g}") for v in inner})
+
+
+def _beyond(levels: list[float], factor: float) -> list[float]:
+    """The levels and one more on either side."""
+    return [float(f"{levels[0] / factor:.2g}"), *levels, float(f"{levels[-1] * factor:.2g}")]
+
+
+def _outlooks(
+    description: ModelDescription, settings: Measurements, leaders: Sequence[tuple[Candidate, float]]
+) -> tuple[list[_Outlook], NDArray[np.bool_]]:
+    """What every model predicts; and a mask of the settings that all of them can predict."""
+    predictor = Predictor(description, settings)
+    usable = np.ones(settings.count, bool)
+    found = []
+    for candidate, probability in leaders:
+        vector = candidate.fit.vector
+        logs = predictor.log_cof(candidate.kinds, np.vstack([vector, vector + STEP * np.eye(vector.size)]))
+        usable &= np.all(np.isfinite(logs), axis=0)
+        slope = (logs[1:] - logs[0]).T / STEP
+        root = np.linalg.cholesky(candidate.fit.covariance + 1e-12 * np.eye(vector.size))
+        found.append(_Outlook(candidate, probability, logs[0], slope @ root))
+    return [replace(o, mean=o.mean[usable], spread=o.spread[usable]) for o in found], usable
+
+
+def _pairs(outlooks: Sequence[_Outlook]) -> list[_Pair]:
+    """Every two models, weighed by the product of their probabilities; the two leading ones come first."""
+    weights = [a.probability * b.probability for a, b in combinations(outlooks, 2)]
+    weights[0] = max(weights)
+    floor = LEAST_WEIGHT * weights[0] or 1.0
+    return [
+        _Pair(
+            (a.candidate.name, b.candidate.name),
+            max(weight, floor),
+            a.mean - b.mean,
+            np.concatenate([np.full((a.mean.size, 1), SESSION_GAIN_STD), a.spread, b.spread], axis=1),
+        )
+        for weight, (a, b) in zip(weights, combinations(outlooks, 2), strict=True)
+    ]
+
+
+def _greedy(pairs: Sequence[_Pair], noise: float, most: int) -> tuple[list[int], list[float]]:
+    """Indices of the settings, and what each adds to the leading pair's separation given those before it.
+
+    A pair that the settings so far tell apart counts no more.
+    """
+    total = np.zeros(len(pairs))
+    picked: list[int] = []
+    gains: list[float] = []
+    for _ in range(most):
+        each = np.array([_gains(pair, noise, picked) for pair in pairs])
+        wanted = np.array([pair.weight for pair in pairs])[:, None] * np.minimum(each, APART - total[:, None])
+        best = int(np.argmax(wanted.sum(axis=0)))
+        picked.append(best)
+        gains.append(float(each[0, best]))
+        total = np.minimum(total + each[:, best], APART)
+        if total[0] >= APART:
+            break
+    return picked, gains
+
+
+def _gains(pair: _Pair, noise: float, picked: Sequence[int]) -> Array:
+    """Squared difference at every setting [s], in standard deviations, that the picked settings do not foretell."""
+    rows = list(picked)
+    own = noise**2 / REPEATS
+    variance = own + np.sum(pair.spread**2, axis=1)
+    if not rows:
+        return np.asarray(pair.difference**2 / variance)
+    known = pair.spread[rows]
+    inner = known @ known.T + own * np.eye(len(rows))
+    weights = np.linalg.solve(inner, known @ pair.spread.T)
+    left = pair.difference - weights.T @ pair.difference[rows]
+    remaining = variance - np.sum(weights * (known @ pair.spread.T), axis=0)
+    return np.asarray(left**2 / np.maximum(remaining, own))
+
+
+def _separation(problem: Problem, first: Candidate, second: Candidate) -> float:
+    """lambda_ij, the smaller way round."""
+    both = (imitation(problem, first.fit, second), imitation(problem, second.fit, first))
+    return min(both) / first.fit.scale2
+
+
+def _extended(diagnosis: Diagnosis, description: ModelDescription, problem: Problem, chosen: Measurements) -> Problem:
+    """The data's problem with the chosen settings measured, `REPEATS` times each, in a new session."""
+    data, noise = diagnosis.data, problem.noise
+    count = chosen.count
+    both = {
+        name: np.concatenate([values, chosen.columns.get(name, np.full(count, _usual(name, values)))])
+        for name, values in data.columns.items()
+        if name in (*chosen.columns, "voltage_offset_v", "time_s")
+    }
+    session = np.concatenate([data.session, np.full(count, len(data.session_names))])
+    waveform = None if data.waveform is None else np.concatenate([data.waveform, np.full(count, "sine")])
+    extended = Measurements(both, session, (*data.session_names, "next"), waveform, "")
+    relative = np.full(count, np.median(noise.relative_std) / np.sqrt(REPEATS))
+    lower = np.zeros((extended.count, extended.count))
+    lower[: data.count, : data.count] = noise.lower
+    lower[data.count :, data.count :] = cholesky(np.diag(relative**2) + SESSION_GAIN_STD**2, lower=True)
+    wider = replace(noise, relative_std=np.concatenate([noise.relative_std, relative]), lower=lower)
+    return Problem(Predictor(description, extended), np.zeros(extended.count), wider)
+
+
+def _usual(name: str, values: Array) -> float:
+    return 0.0 if name == "voltage_offset_v" else float(np.median(values))
+
+
+def _setting(settings: Measurements, index: int) -> dict[str, float | None]:
+    found: dict[str, float | None] = {name: float(values[index]) for name, values in settings.columns.items()}
+    if found["voltage_v"] == 0.0:
+        found["frequency_hz"] = None
+    return found
+
+
+def _checks(models: Sequence[Candidate], common: dict[str, Any]) -> list[dict[str, Any]]:
+    """What to look at instead: the physical check of every effect of these models."""
+    kinds = dict.fromkeys(kind for model in models for kind in model.kinds)
+    return [{"kind": "check", "effect": kind.name, "check": kind.check, **common} for kind in kinds]

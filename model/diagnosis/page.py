@@ -1,0 +1,355 @@
+"""A report as one self-contained page for people: no scripts, nothing to load from elsewhere."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from model.diagnosis.pictures import words
+from model.diagnosis.verdict import APART
+from model.diagnosis.where import ALARM
+
+PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title><style>
+body {{ font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 62rem; margin: 0 auto; padding: 1.5rem; }}
+header {{ border-left: .5rem solid {colour}; padding: .2rem 1.2rem; background: #f6f7f8; }}
+h1 {{ font-size: 1.5rem; line-height: 1.3; margin: .6rem 0; }}
+h2 {{ font-size: 1.15rem; margin: 2.2rem 0 .5rem; border-bottom: 1px solid #ddd; }}
+p {{ margin: .5rem 0; }} .quiet {{ color: #666; }} .warn {{ background: #fff4d6; padding: .4rem .8rem; }}
+table {{ border-collapse: collapse; margin: .6rem 0; font-size: .92rem; }}
+th, td {{ text-align: left; padding: .25rem .9rem .25rem 0; border-bottom: 1px solid #eee; vertical-align: top; }}
+td.n, th.n {{ text-align: right; font-variant-numeric: tabular-nums; }}
+img {{ max-width: 100%; height: auto; margin: .6rem 0; }} code {{ font-size: .85em; overflow-wrap: anywhere; }}
+div.wide {{ overflow-x: auto; }}
+</style></head><body>
+<header><p class="quiet">Diagnosis of {source}</p><h1>{sentence}</h1><p>{meaning}</p></header>
+{body}
+</body></html>
+"""
+PIXELS = 1.65  # of a picture to one of the page
+COLOURS = {
+    "no_discrepancy": "#5b8c5a",
+    "effect_found": "#1b6ca8",
+    "ambiguous": "#e08e0b",
+    "unexplained": "#d1495b",
+    "not_testable": "#9aa0a6",
+}
+AXIS_WORDS = {
+    "frequency_hz": ("frequency", "Hz"),
+    "voltage_v": ("voltage", "V"),
+    "normal_force_n": ("normal force", "N"),
+    "speed_m_s": ("speed", "m/s"),
+    "time_s": ("time", "s"),
+}
+
+
+def sentence(content: Mapping[str, Any]) -> str:
+    """The verdict in plain words."""
+    names = [words(e["name"]) for e in content["effects"]]
+    probability = _probability(content["probability"])
+    if content["verdict"] == "no_discrepancy":
+        return f"These data show nothing missing from the model (probability {probability})."
+    if content["verdict"] == "effect_found":
+        verb = "is" if len(names) == 1 else "are"
+        text = f"{_upper(_and(names))} {verb} missing from the model: probability {probability}"
+        closed = content["fit"]["gap_closed"]
+        return text + ("." if closed is None else f"; adding {'it' if verb == 'is' else 'them'} {_closed(closed)}.")
+    if content["verdict"] == "ambiguous":
+        members = [words(n) for n in content["checks"]]
+        if len(members) > 1:
+            return f"One of these is missing from the model, and these data cannot tell which: {_and(members, 'or')}."
+        return f"Something may be missing from the model; {_and(names)} leads with probability {probability}."
+    if content["verdict"] == "unexplained":
+        return "The data disagree with the model, and no effect that this program knows explains how."
+    return f"These data cannot test the model: {'; '.join(content['reasons'])}."
+
+
+def _closed(share: float) -> str:
+    percent = 100.0 * share
+    if percent <= 0.0:
+        return "closes nothing of the gap on data left out of the fit"
+    return f"closes {'all' if percent >= 99.5 else f'{percent:.0f} %'} of the gap on data left out of the fit"
+
+
+def _meaning(content: Mapping[str, Any]) -> str:
+    """What follows from the verdict, in one or two sentences."""
+    steps = content["next_experiments"]
+    if content["verdict"] == "ambiguous":
+        if steps and steps[0]["kind"] == "setting":
+            return "The settings under “What to measure next” tell the leading two apart."
+        return "No setting of frequency, voltage, load or speed tells them apart; the physical checks below do."
+    if content["verdict"] == "unexplained":
+        return (
+            "Something happens that the catalogue does not contain, or not in this form. No name is given because none "
+            "is earned; the regions below show where to look."
+        )
+    if content["verdict"] == "not_testable":
+        advice = (
+            "Give cof_std, or measure every setting at least twice. " if content["data"]["noise_source"] is None else ""
+        )
+        return advice + "Nothing was fitted; the probabilities in report.json are those held before any data."
+    if content["verdict"] == "effect_found" and not content["adequate"]:
+        return "The effect is needed, but something of another shape remains beside it: see the residuals."
+    return ""
+
+
+def write_html(content: Mapping[str, Any], drawn: Mapping[str, bytes], path: Path) -> None:
+    """One page that needs nothing beside it: no scripts, no downloads."""
+    sections = [
+        ("Data and warnings", _audit(content)),
+        ("Where data and model disagree", _where(content, drawn)),
+        ("Which effect", _which(content, drawn)),
+        ("Parameters before and after", _before_after(content)),
+        ("Proof on data left out of the fit", _proof(content, drawn)),
+        ("What to measure next", _next(content)),
+        (
+            "Physical checks at the rig",
+            _list([f"{_upper(words(n))}: {check}" for n, check in content["checks"].items()]),
+        ),
+        ("Where this comes from", _provenance(content)),
+    ]
+    page = PAGE.format(
+        title=escape(f"Diagnosis: {content['verdict'].replace('_', ' ')}"),
+        colour=COLOURS[content["verdict"]],
+        source=escape(content["data"].get("file") or "measured friction"),
+        sentence=escape(sentence(content)),
+        meaning=escape(_meaning(content)),
+        body="\n".join(f"<h2>{escape(title)}</h2>\n{body}" for title, body in sections if body),
+    )
+    path.write_text(page, encoding="utf-8")
+
+
+def _audit(content: Mapping[str, Any]) -> str:
+    data = content["data"]
+    text = f"{data['rows']} rows, {data['rows_with_voltage']} of them with voltage, "
+    text += f"in {_count(data['sessions'], 'session')}. "
+    if data["noise_source"] is None:
+        text += "The noise is unknown."
+    else:
+        text += f"Noise of one row: {100.0 * data['noise_relative_std']:.2g} % (from {data['noise_source']}"
+        text += (
+            f", checked by {data['replicate_degrees_of_freedom']} repeats)."
+            if data["replicate_degrees_of_freedom"]
+            else ")."
+        )
+    warnings = "".join(f'<p class="warn">Warning: {escape(w)}</p>' for w in content["warnings"])
+    untested = [f"{words(e['name'])} ({e['why']})" for e in content["not_tested"]]
+    missing = f'<p class="quiet">Not tested: {escape(", ".join(untested))}.</p>' if untested else ""
+    return f"<p>{escape(text)}</p>{warnings}{missing}"
+
+
+def _where(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
+    if not content["where"]:
+        return ""
+    certain = [r for r in content["where"] if r["p_value"] < ALARM]
+    lead = (
+        "The disagreement lies somewhere in these regions; their edges are not exact."
+        if certain
+        else "No region of the inputs disagrees beyond chance."
+    )
+    rows = [
+        [
+            " and ".join(_range(r)),
+            str(r["rows"]),
+            f"{100.0 * r['mean_relative_error']:+.1f} %",
+            "more" if r["sign"] > 0 else "less",
+            f"{r['p_value']:.2g}" + (" (least possible)" if r["p_value"] <= 1.0 / 2001.0 + 1e-9 else ""),
+        ]
+        for r in certain
+    ]
+    head = ["region", "rows", "measured − predicted", "friction is", "probability by chance"]
+    pictured = _image(drawn, "residual_map", "Residuals over frequency and voltage, before and after")
+    pictured += _image(drawn, "residual_over_time", "Residuals over time, before and after")
+    return f"<p>{escape(lead)}</p>{_rows(head, rows)}{pictured}"
+
+
+def _range(region: Mapping[str, Any]) -> list[str]:
+    def listed(value: Any) -> list[Any]:
+        return list(value) if isinstance(value, list) else [value]
+
+    triples = zip(listed(region["axis"]), listed(region["low"]), listed(region["high"]), strict=True)
+    found = []
+    for axis, low, high in triples:
+        name, unit = AXIS_WORDS.get(axis, (axis, ""))
+        found.append(f"{name} {_plain(low)}{'' if low == high else f' to {_plain(high)}'} {unit}".rstrip())
+    return found
+
+
+def _which(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
+    bars = _image(drawn, "probabilities", "Probability of every leading candidate")
+    prints = _image(drawn, "fingerprint", "Fingerprint of the leading candidates beside the data")
+    rows = [
+        [
+            words(c["name"]),
+            _probability(c["probability"]),
+            f"{c['log_evidence_gain']:+.1f}",
+            f"{c['chi2_per_point']:.2f}",
+            _values(c["parameters"]),
+        ]
+        for c in content["candidates"]
+    ]
+    head = ["model", "probability", "evidence gained, nats", "squared error per point", "fitted"]
+    reasons = "; ".join(content["reasons"])
+    return f"<p>{escape(_upper(reasons))}.</p>{bars}{prints}{_rows(head, rows)}" if rows else ""
+
+
+def _values(effects: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} {_measured(p)}" for values in effects.values() for name, p in values.items())
+
+
+def _measured(p: Mapping[str, Any]) -> str:
+    unit = "" if p["unit"] == "1" else f" {p['unit']}"
+    std = "" if p["std"] is None else f" ± {_plain(p['std'], 1)}"
+    return f"{_plain(p['value'], 3)}{std}{unit}"
+
+
+def _plain(value: float, digits: int = 4) -> str:
+    """A number without an exponent where people write none, thousands apart."""
+    if value != 0.0 and not 1e-3 <= abs(value) < 1e7:
+        return f"{value:.{digits}g}"
+    rounded = float(f"{value:.{digits}g}")
+    return f"{rounded:,.0f}".replace(",", " ") if abs(rounded) >= 1000.0 else f"{rounded:g}"
+
+
+def _before_after(content: Mapping[str, Any]) -> str:
+    rows = [
+        [
+            p["name"],
+            _plain(p["model"]),
+            _measured(p["before"] | {"unit": "1"}),
+            _drift(p["before"]),
+            _measured(p["after"] | {"unit": "1"}),
+            _drift(p["after"]),
+            "" if p["unit"] == "1" else p["unit"],
+        ]
+        for p in content["parameters"]
+    ]
+    rows += [
+        [
+            f"{words(e['name'])}: {name}",
+            "off",
+            "",
+            "",
+            _measured(p | {"unit": "1"}),
+            "",
+            "" if p["unit"] == "1" else p["unit"],
+        ]
+        for e in content["effects"]
+        for name, p in e["parameters"].items()
+    ]
+    head = ["parameter", "in the model", "fitted, as given", "drift", "fitted, with the effect", "drift", "unit"]
+    note = '<p class="quiet">Drift: in standard deviations of what is expected between fingers.</p>' if rows else ""
+    return _rows(head, rows) + note
+
+
+def _drift(p: Mapping[str, Any]) -> str:
+    return f"{round(p['drift'], 1) + 0.0:+.1f}"
+
+
+def _proof(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
+    held = content["held_out"]
+    if held is None:
+        return ""
+    fit = content["fit"]["held_out_chi2_per_point"]
+    text = f"Squared error per point, in units of the noise: {_figure(fit['before'])} with the model as given"
+    if content["effects"]:
+        text += f", {_figure(fit['after'])} with the effect chosen anew without the {held['by']} in question"
+    text += " (noise alone: 1). "
+    low, high = content["fit"]["gap_closed_interval"]
+    if content["effects"] and content["fit"]["gap_closed"] is not None:
+        text += f"Gap closed: {_share(content['fit']['gap_closed'])}"
+        text += f" (95 % interval {_share(low)} to {_share(high)})" if low is not None and high is not None else ""
+        text += f"; the same choice in {_share(held['chosen_again'])} of the {held['by']}s. "
+    rival = held["best_rival"]
+    if rival is not None and content["effects"] and rival.get("gap_closed") is not None:
+        text += f"The best rival, {words(rival['name'])}, closes {_share(rival['gap_closed'])}."
+    return f"<p>{escape(text)}</p>" + _image(drawn, "held_out", "Held-out error before and after")
+
+
+def _next(content: Mapping[str, Any]) -> str:
+    steps = content["next_experiments"]
+    if not steps:
+        return ""
+    settings = [s for s in steps if s["kind"] == "setting"]
+    if not settings:
+        purpose = (
+            f"No setting within reach {steps[0]['purpose']} (separation at best {_figure(steps[0]['lambda_after'])}, "
+        )
+        return f"<p>{escape(purpose + f'{APART:.0f} needed).')} See the physical checks below.</p>"
+    axes = [a for a in AXIS_WORDS if a in settings[0]]
+    head = ["", *(", ".join(AXIS_WORDS[a]) for a in axes), "readings"]
+    rows = [
+        [str(i), *("any" if s[a] is None else _plain(s[a]) for a in axes), str(s["repeats"])]
+        for i, s in enumerate(settings, start=1)
+    ]
+    lead = f"This {settings[0]['purpose']}."
+    now, after = settings[0].get("lambda_now"), settings[0].get("lambda_after")
+    if now is not None and now >= APART:
+        lead += f" These data already do (separation {_figure(now)}, {APART:.0f} is enough); the settings confirm it."
+    elif after is not None:
+        lead += (
+            f" Their separation: now {_figure(now)}, then {_figure(after)}; {APART:.0f} is enough to tell them apart."
+        )
+    return f"<p>{escape(lead)}</p>{_rows(head, rows)}"
+
+
+def _provenance(content: Mapping[str, Any]) -> str:
+    parent, versions = content["parent_model"], content["versions"]
+    items = [
+        f"Data: {content['data'].get('file') or 'not named'}, sha256 {content['data']['hash']}",
+        f"Model: {parent['name']}, {parent['hash']}; written to {Path(content['model']).name}",
+        f"Seed {content['seed']}; {versions['program']}, numpy {versions['numpy']}, scipy {versions['scipy']}",
+    ]
+    return _list(items)
+
+
+def _list(items: Sequence[str]) -> str:
+    return "<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>" if items else ""
+
+
+def _rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    if not rows:
+        return ""
+    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    return f'<div class="wide"><table><tr>{top}</tr>{body}</table></div>'
+
+
+def _image(drawn: Mapping[str, bytes], name: str, alternative: str) -> str:
+    """A picture in the page itself, at a size that gives all of them the same letters."""
+    if name not in drawn:
+        return ""
+    png = drawn[name]
+    width = round(int.from_bytes(png[16:20], "big") / PIXELS)  # from the header of every PNG file
+    source = base64.b64encode(png).decode()
+    return f'<img alt="{escape(alternative)}" width="{width}" src="data:image/png;base64,{source}">'
+
+
+def _upper(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _and(items: Sequence[str], word: str = "and") -> str:
+    return f" {word} ".join(items) if len(items) < 3 else f"{', '.join(items[:-1])} {word} {items[-1]}"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _probability(value: float | None) -> str:
+    if value is None:
+        return "–"
+    return "above 0.999" if value > 0.999 else "below 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def _share(value: float) -> str:
+    return f"{100.0 * value:.0f} %"
+
+
+def _figure(value: float | None) -> str:
+    return "unknown" if value is None else _plain(value, 3)

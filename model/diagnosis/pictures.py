@@ -1,0 +1,379 @@
+"""Pictures of a diagnosis, each to be understood at a glance: PNG bytes by name."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from model.diagnosis.data import Array, Mask, Measurements
+from model.diagnosis.fit import Fit, Problem
+from model.diagnosis.naming import NONE, UNKNOWN, Candidate
+from model.diagnosis.noise import SESSION_GAIN_STD
+from model.diagnosis.verdict import SURE, Verdict, Weighed
+from model.diagnosis.where import ALARM, Region
+from model.diagnosis.workflow import Diagnosis
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+BEFORE, AFTER, DATA, QUIET = "#d1495b", "#1b6ca8", "#3a3a3a", "#9aa0a6"
+LEADING = ("#1b6ca8", "#e08e0b", "#5b8c5a")
+AXES = {
+    "frequency_hz": "frequency, Hz",
+    "voltage_v": "voltage, V peak",
+    "normal_force_n": "normal force, N",
+    "speed_m_s": "sliding speed, m/s",
+    "time_s": "time, s",
+    "voltage_offset_v": "bias, V",
+}
+LOGARITHMIC = ("frequency_hz", "normal_force_n", "speed_m_s")
+DRIVEN_ONLY = ("frequency_hz",)
+MOST_CELLS = 12  # along one side of a map
+MOST_BARS = 8
+LEAST_BAR = 1e-4
+OUTLINED = 2
+PLATE = {"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.75}
+
+
+def words(name: str) -> str:
+    """A candidate's name as people say it."""
+    if name in (NONE, UNKNOWN):
+        return {NONE: "nothing missing", UNKNOWN: "unknown effect"}[name]
+    return name.replace("_", " ").replace("+", " with ")
+
+
+def pictures(diagnosis: Diagnosis) -> dict[str, bytes]:
+    """Every picture that the diagnosis has data for; none where nothing could be tested."""
+    if diagnosis.verdict is None:
+        return {}
+    draw: dict[str, Callable[[Diagnosis], Figure | None]] = {
+        "residual_map": residual_map,
+        "residual_over_time": residual_over_time,
+        "fingerprint": fingerprint,
+        "probabilities": probability_bars,
+        "held_out": held_out,
+    }
+    found = {}
+    for name, function in draw.items():
+        figure = function(diagnosis)
+        if figure is not None:
+            found[name] = _png(figure)
+    return found
+
+
+def _tested(diagnosis: Diagnosis) -> tuple[Problem, Weighed, Verdict]:
+    if diagnosis.problem is None or diagnosis.weighed is None or diagnosis.verdict is None:
+        raise ValueError("nothing was fitted, so there is nothing to draw")
+    return diagnosis.problem, diagnosis.weighed, diagnosis.verdict
+
+
+def residual_percent(problem: Problem, fit: Fit, session: NDArray[np.intp]) -> Array:
+    """Measured against predicted friction [n] in percent, without each session's gain as the noise model sees it."""
+    raw = problem.log_cof - problem.predictor.log_cof(fit.kinds, fit.vector[None])[0]
+    raw = np.where(np.isfinite(raw), raw, 0.0)
+    weighed = solve_triangular(problem.noise.lower.T, problem.noise.whiten(raw), lower=False)
+    gain = SESSION_GAIN_STD**2 * np.bincount(session, weighed)
+    return np.asarray(100.0 * np.expm1(raw - gain[session]))
+
+
+def _before_after(diagnosis: Diagnosis) -> list[tuple[str, Array]]:
+    """Titles and residuals of the base model, and of the chosen one where it has an effect."""
+    problem, weighed, verdict = _tested(diagnosis)
+    session, chosen = diagnosis.data.session, verdict.chosen
+    found = [("model as given", residual_percent(problem, weighed.base.fit, session))]
+    if chosen.kinds:
+        title = f"with {words(chosen.name)}"
+        found.append((title, residual_percent(problem, chosen.fit, session)))
+    return found
+
+
+def residual_map(diagnosis: Diagnosis) -> Figure:
+    """Mean residual over frequency and voltage, before and after, with the regions that disagree outlined."""
+    data = diagnosis.data
+    panels = _before_after(diagnosis)
+    columns, frequency_names = _cells(data.columns["frequency_hz"], data.driven)
+    rows, voltage_names = _cells(data.columns["voltage_v"], data.driven)
+    quiet = bool((~data.driven).any())
+    maps = [_means(values, data.driven, rows, columns) for _, values in panels]
+    limit = max(2.0, *(float(np.nanmax(np.abs(m))) for m in maps))
+    height = 2.5 + 0.42 * (len(voltage_names) + quiet)
+    figure, axes = plt.subplots(
+        1,
+        len(panels),
+        figsize=(max(8.2, 5.9 * len(panels) + 0.4), height),
+        sharey=True,
+        squeeze=False,
+        layout="constrained",
+    )
+    for ax, (title, values), means in zip(axes[0], panels, maps, strict=True):
+        ax.pcolormesh(means, cmap="RdBu_r", vmin=-limit, vmax=limit, edgecolors="white", linewidth=1.5)
+        _write_cells(ax, means, limit, 0.0)
+        if quiet:
+            still = np.array([[float(np.mean(values[~data.driven]))]])
+            edges = [0.0, float(len(frequency_names))]
+            ax.pcolormesh(edges, [-1.25, -0.25], still, cmap="RdBu_r", vmin=-limit, vmax=limit)
+            _write_cells(ax, still, limit, -1.25, edges[1])
+        ax.set_xticks(np.arange(len(frequency_names)) + 0.5, frequency_names)
+        heights = [*np.arange(len(voltage_names)) + 0.5, *([-0.75] if quiet else [])]
+        ax.set_yticks(heights, [*voltage_names, *(["no voltage"] if quiet else [])])
+        ax.set(xlabel="frequency, Hz", facecolor="#eeeeee")
+        ax.set_title(title, color=AFTER if title.startswith("with") else BEFORE, fontweight="bold")
+        ax.tick_params(length=0)
+        ax.spines[:].set_visible(False)
+    axes[0][0].set_ylabel("voltage, V peak")
+    regions = [] if diagnosis.before is None else [r for r in diagnosis.before.regions if r.p_value < ALARM]
+    shown = [r for r in regions if set(r.axes) <= {"frequency_hz", "voltage_v"}][:OUTLINED]
+    for region in shown:
+        _outline(axes[0][0], region, data, columns, rows, quiet)
+    scale = ScalarMappable(Normalize(-limit, limit), "RdBu_r")
+    figure.colorbar(scale, ax=axes[0], label="measured minus\npredicted, % of friction", aspect=12)
+    note = "outlined: disagrees beyond chance" if shown else "no region of this map stands out beyond chance"
+    if regions and not shown:
+        note = f"the disagreement lies along {AXES[regions[0].axes[-1]].split(',')[0]}, see the fingerprint"
+    figure.suptitle(f"Where measured and predicted friction differ\n({note})", fontsize=11)
+    return figure
+
+
+def _cells(values: Array, allowed: Mask) -> tuple[Array, list[str]]:
+    """The cell of each row along one side of a map, -1 where not allowed; and the cells' names."""
+    levels = np.unique(values[allowed])
+    if levels.size <= MOST_CELLS:
+        groups = [np.array([level]) for level in levels]
+    else:
+        groups = [g for g in np.array_split(levels, MOST_CELLS) if g.size]
+    edges = np.array([g[0] for g in groups])
+    cell = np.where(allowed, np.searchsorted(edges, values, side="right") - 1, -1)
+    return cell, [_short(g[0]) if g.size == 1 else f"{_short(g[0])}–\n{_short(g[-1])}" for g in groups]
+
+
+def _short(value: float) -> str:
+    for factor, suffix in ((1e6, " M"), (1e3, " k")):
+        if abs(value) >= factor:
+            return f"{value / factor:.3g}{suffix}"
+    return f"{value:.3g}"
+
+
+def _means(values: Array, allowed: Mask, rows: Array, columns: Array) -> Array:
+    shape = (int(rows.max()) + 1, int(columns.max()) + 1)
+    flat = np.ravel_multi_index((rows[allowed].astype(int), columns[allowed].astype(int)), shape)
+    count = np.bincount(flat, minlength=shape[0] * shape[1])
+    total = np.bincount(flat, values[allowed], minlength=shape[0] * shape[1])
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(shape)
+
+
+def _write_cells(ax: Axes, means: Array, limit: float, bottom: float, width: float = 1.0) -> None:
+    for (i, j), value in np.ndenumerate(means):
+        if np.isfinite(value):
+            text = f"{value:+.0f}" if abs(value) >= 9.95 else "0" if abs(value) < 0.05 else f"{value:+.1f}"
+            colour = "white" if abs(value) > 0.6 * limit else DATA
+            ax.text((j + 0.5) * width, bottom + i + 0.5, text, ha="center", va="center", fontsize=8, color=colour)
+
+
+def _outline(ax: Axes, region: Region, data: Measurements, columns: Array, rows: Array, quiet: bool) -> None:
+    """A frame around the cells of one region; the whole height or width along an input that it leaves open."""
+    span = {"frequency_hz": (0, int(columns.max()) + 1), "voltage_v": (0, int(rows.max()) + 1)}
+    for axis, low, high in zip(region.axes, region.low, region.high, strict=True):
+        values = data.columns[axis]
+        cell = (columns if axis == "frequency_hz" else rows)[(values >= low) & (values <= high) & data.driven]
+        if cell.size:
+            span[axis] = (int(cell.min()), int(cell.max()) + 1)
+    (left, right), (low_row, high_row) = span["frequency_hz"], span["voltage_v"]
+    bottom = -1.25 if quiet and region.axes == ("voltage_v",) and region.low[0] == 0.0 else low_row
+    frame = Rectangle(
+        (left + 0.04, bottom + 0.04), right - left - 0.08, high_row - bottom - 0.08,
+        fill=False, ec="black", lw=2.2, zorder=5,
+    )  # fmt: skip
+    ax.add_patch(frame)
+
+
+def residual_over_time(diagnosis: Diagnosis) -> Figure | None:
+    """Residual against time, one colour per session, with what is smooth in it; None without `time_s`."""
+    data = diagnosis.data
+    if not data.varies("time_s"):
+        return None
+    panels = _before_after(diagnosis)
+    figure, axes = plt.subplots(
+        1, len(panels), figsize=(5.2 * len(panels), 3.6), sharey=True, squeeze=False, layout="constrained"
+    )
+    names, colours = data.session_names, plt.get_cmap("viridis")(np.linspace(0.05, 0.85, len(data.session_names)))
+    time = data.columns["time_s"]
+    unit, scale = ("h", 3600.0) if np.ptp(time) > 2e4 else ("min", 60.0) if np.ptp(time) > 600.0 else ("s", 1.0)
+    for ax, (title, values) in zip(axes[0], panels, strict=True):
+        for s, (name, colour) in enumerate(zip(names, colours, strict=True)):
+            rows = np.flatnonzero(data.session == s)
+            rows = rows[np.argsort(time[rows], kind="stable")]
+            ax.plot(time[rows] / scale, values[rows], ".", ms=3.5, color=colour, alpha=0.55)
+            smooth = _running_median(values[rows])
+            ax.plot(time[rows] / scale, smooth, "-", lw=1.8, color=colour, label=f"session {name}")
+        ax.axhline(0.0, color=DATA, lw=0.8)
+        ax.set_title(title, color=AFTER if title.startswith("with") else BEFORE, fontweight="bold")
+        ax.set_xlabel(f"time, {unit}")
+        ax.grid(alpha=0.25)
+    axes[0][0].set_ylabel("measured minus predicted,\n% of friction")
+    if len(names) <= MOST_BARS:
+        axes[0][-1].legend(frameon=False, fontsize=8, loc="best")
+    figure.suptitle("Does the difference drift? (lines: running median)", fontsize=11)
+    return figure
+
+
+def _running_median(values: Array) -> Array:
+    half = max(2, values.size // 12)
+    return np.array([np.median(values[max(0, i - half) : i + half + 1]) for i in range(values.size)])
+
+
+def fingerprint(diagnosis: Diagnosis) -> Figure | None:
+    """Over every input that varies: what the data show, and what each leading candidate would make of the model."""
+    problem, weighed, _ = _tested(diagnosis)
+    data = diagnosis.data
+    names = [name for name in AXES if data.varies(name)]
+    if not names:
+        return None
+    base = problem.predictor.log_cof((), weighed.base.fit.vector[None])[0]
+    residual = residual_percent(problem, weighed.base.fit, data.session)
+    error = 100.0 * problem.noise.relative_std * weighed.base.beside_discrepancy.scale
+    changes = []
+    for leader in leaders(diagnosis):
+        log_cof = problem.predictor.log_cof(leader.kinds, leader.fit.vector[None])[0]
+        changes.append((words(leader.name), 100.0 * np.expm1(log_cof - base)))
+    wide = min(len(names), 3)
+    figure, axes = plt.subplots(
+        -(-len(names) // wide), wide, figsize=(4.1 * wide + 0.6, 3.3 * -(-len(names) // wide) + 0.9),
+        sharey=True, squeeze=False, layout="constrained",
+    )  # fmt: skip
+    for ax, name in zip(axes.flat, names, strict=False):
+        _profile(ax, data, name, residual, error, changes)
+    for ax in axes.flat[len(names) :]:
+        ax.set_visible(False)
+    for row in axes:
+        row[0].set_ylabel("change of friction against\nthe model as given, %")
+    handles, labels = axes[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(handles), frameon=False)
+    figure.suptitle(
+        "Fingerprint: what the data show (points), and what each candidate, fitted to them, would make (lines)",
+        fontsize=11,
+    )
+    return figure
+
+
+def leaders(diagnosis: Diagnosis, most: int = 3) -> list[Candidate]:
+    """The chosen model where it has effects, then the most probable single effects."""
+    _, weighed, verdict = _tested(diagnosis)
+    chosen, probabilities = verdict.chosen, verdict.probabilities
+    others = sorted(
+        (c for c in weighed.singles if c.kinds != chosen.kinds),
+        key=lambda c: (-probabilities[c.name], -c.alone.log_evidence),
+    )
+    return [*([chosen] if chosen.kinds else []), *others][:most]
+
+
+def _profile(
+    ax: Axes, data: Measurements, name: str, residual: Array, error: Array, changes: Sequence[tuple[str, Array]]
+) -> None:
+    allowed = data.driven if name in DRIVEN_ONLY else np.ones(data.count, bool)
+    values = data.columns[name]
+    cell, _ = _cells(values, allowed)
+    cells = range(int(cell.max()) + 1)
+    at = np.array([values[cell == i].mean() for i in cells])
+    mean = np.array([residual[cell == i].mean() for i in cells])
+    bar = np.array([np.sqrt(np.sum(error[cell == i] ** 2)) / np.sum(cell == i) for i in cells])
+    ax.axhline(0.0, color=QUIET, lw=1.0)
+    for i, ((label, change), colour) in enumerate(zip(changes, LEADING, strict=False)):
+        line = [change[cell == i].mean() for i in cells]
+        ax.plot(at, line, "-" if i == 0 else "--", color=colour, lw=2.4 - 0.5 * i, label=label)
+    ax.errorbar(at, mean, bar, fmt="o", ms=5, color=DATA, capsize=2.5, lw=1.2, label="measured, ± noise")
+    if name in LOGARITHMIC and at.min() > 0.0:
+        ax.set_xscale("log")
+        if at.max() < 30.0 * at.min():
+            ax.set_xticks(at, [f"{v:.3g}" for v in at])
+            ax.minorticks_off()
+    ax.set_xlabel(AXES[name] + (", rows with voltage" if name in DRIVEN_ONLY else ""))
+    ax.grid(alpha=0.25)
+
+
+def probability_bars(diagnosis: Diagnosis) -> Figure:
+    """The most probable candidates on a logarithmic scale, with none and unknown always among them."""
+    _, weighed, verdict = _tested(diagnosis)
+    probabilities = verdict.probabilities
+    ranked = sorted(probabilities, key=lambda name: -probabilities[name])
+    kept = [name for name in ranked if name not in (NONE, UNKNOWN)][:MOST_BARS]
+    shown = [name for name in ranked if name in (*kept, NONE, UNKNOWN)]
+    named = set() if diagnosis.name == "unexplained" else {k.name for k in verdict.chosen.kinds}
+    alike = {name for names in verdict.group.values() for name in names}
+    figure, ax = plt.subplots(figsize=(8.2, 0.8 + 0.36 * len(shown)), layout="constrained")
+    for i, name in enumerate(shown):
+        p = probabilities[name]
+        colour = (
+            QUIET if name in (NONE, UNKNOWN) else AFTER if name in named else "#7fb2d6" if name in alike else "#c9d6df"
+        )
+        hatch = "////" if name == UNKNOWN else None
+        ax.barh(i, max(p, LEAST_BAR), left=0.0, color=colour, hatch=hatch, edgecolor="white", height=0.72)
+        text = f"{p:.3f}" if p >= 0.001 else f"{p:.0e}" if p >= LEAST_BAR else "below 0.0001"
+        if p > 0.999 and len(ranked) > 1:
+            text = "above 0.999"
+        ax.text(max(p, LEAST_BAR) * 1.12, i, text, va="center", fontsize=9, color=DATA, bbox=PLATE)
+    ax.axvline(SURE, color=BEFORE, lw=1.2, ls=":")
+    ax.text(SURE, -0.75, "needed for a name", color=BEFORE, fontsize=8, ha="right", va="center")
+    ax.set_yticks(range(len(shown)), [words(name) + _mark(name, named, alike, weighed.untestable) for name in shown])
+    ax.set(xscale="log", xlim=(0.5 * LEAST_BAR, 4.0), ylim=(len(shown) - 0.5, -1.1), xlabel="probability (logarithmic)")
+    ax.set_xticks([1e-4, 1e-3, 1e-2, 1e-1, 1.0], ["0.0001", "0.001", "0.01", "0.1", "1"])
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.set_title("Which effect is missing?", fontsize=11)
+    return figure
+
+
+def _mark(name: str, named: set[str], alike: set[str], untestable: Sequence[str]) -> str:
+    if name in untestable:
+        return " (no data on it)"
+    return "  ●" if name in named else "  ○" if name in alike else ""
+
+
+def held_out(diagnosis: Diagnosis) -> Figure | None:
+    """Squared error on data that no fit has seen, fold by fold, before and after; noise alone gives 1."""
+    proof = diagnosis.proof
+    if proof is None or not proof.before.size:
+        return None
+    count = proof.before.size
+    figure, ax = plt.subplots(figsize=(max(5.2, 1.3 * count + 2.4), 3.6), layout="constrained")
+    at = np.arange(count)
+    both: list[tuple[str, Array, str, float]] = [("model as given", proof.before, BEFORE, -0.19)]
+    if diagnosis.verdict is not None and diagnosis.verdict.chosen.kinds:
+        both.append((f"with the effect chosen anew ({words(diagnosis.verdict.chosen.name)})", proof.after, AFTER, 0.19))
+    for label, values, colour, shift in both:
+        place = at + (shift if len(both) > 1 else 0.0)
+        ax.bar(place, values, 0.36, color=colour, label=label)
+        for x, value in zip(place, values, strict=True):
+            text = f"{value:.0f}" if value >= 9.95 else f"{value:.2f}"
+            ax.text(x, value, text, ha="center", va="bottom", fontsize=8, color=DATA, bbox=PLATE, zorder=4)
+    ax.axhline(1.0, color=DATA, lw=1.4, ls="--", label="noise alone")
+    top = max(1.2, *(float(np.nanmax(values)) for _, values, _, _ in both))
+    if top > 20.0:
+        ax.set(yscale="log", ylim=(0.3, 2.0 * top))
+    else:
+        ax.set_ylim(0.0, 1.12 * top)
+    names = [f"session {n}" if proof.by == "session" else n for n in proof.folds[:count]]
+    ax.set_xticks(at, names, rotation=30 if count > 6 else 0)
+    ax.set_ylabel("squared error per point,\nin units of the noise")
+    ax.grid(alpha=0.25, axis="y")
+    ax.set_axisbelow(True)
+    ax.legend(frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    figure.suptitle(f"Proof: error on each {proof.by} while it was left out of the fit", fontsize=11)
+    return figure
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    metadata: dict[str, Any] = {"Software": None}
+    figure.savefig(buffer, format="png", dpi=130, metadata=metadata)
+    plt.close(figure)
+    return buffer.getvalue()
