@@ -92,7 +92,10 @@ class ControllerConfig(_Section):
 
 
 class SimulationConfig(_Section):
-    """How the simulated instruments and finger behave."""
+    """How the simulated instruments and finger behave.
+
+    `hide`: effects, by name with their parameters, that the finger has and the model that drives the rig does not.
+    """
 
     amplitude_latency_s: NotNegative = 0.030
     frequency_latency_s: NotNegative = 0.003
@@ -100,6 +103,7 @@ class SimulationConfig(_Section):
     force_noise_n: NotNegative = 0.003
     force_range_n: Positive = 20.0
     seed: int = 1
+    hide: dict[str, dict[str, FiniteFloat]] = {}
 
 
 class RigConfig(_Section):

@@ -6,13 +6,16 @@ steps.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import lru_cache
 from types import TracebackType
 from typing import Protocol, Self
 
 import numpy as np
 
 from haptic_driver.config import RigConfig
+from haptic_driver.errors import BadInputError
 from haptic_driver.rig import build_rig
 from hw.simulated.amplifier import SimulatedAmplifier
 from hw.simulated.finger_plant import FingerPlant
@@ -21,9 +24,17 @@ from hw.simulated.tcp_server import TcpServer
 from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
 from hw.transport.memory import Responder
 from hw.transport.tcp import TcpTransport
+from model.effects import BY_NAME
+from model.errors import nearest
+from model.parameters import Parameter
 from model.touch_model import Conditions, TouchModel
 
 LEAST_FORCE_N = 1e-3  # of a touch that the model is asked about
+HIGHEST_SPEED_M_S = 10.0  # that the model is asked about
+TIME_STEP_S = 0.05  # effects of time see it in steps this long
+
+FrictionLaw = Callable[[float, float, float, float, float], float]
+"""(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s) -> lateral force in N that would be there after long."""
 
 
 class _Wrap(Protocol):
@@ -34,11 +45,15 @@ class SimulatedRig:
     """A rig served on loopback, with the finger that touches it.
 
     `rig` is what a driver sees. `amplifier` keeps the record of what really was at the electrode. `wrap` may put
-    something between the generator and its socket, such as faults.
+    something between the generator and its socket, such as faults. The finger's friction is the model's with the
+    effects that the rig's configuration hides, or `friction`, any function at all; `finger_gain` multiplies it.
     """
 
-    def __init__(self, config: RigConfig, model: TouchModel, wrap: _Wrap | None = None) -> None:
+    def __init__(
+        self, config: RigConfig, model: TouchModel, wrap: _Wrap | None = None, friction: FrictionLaw | None = None
+    ) -> None:
         simulation = config.simulation
+        law = friction or friction_of(with_hidden(model, simulation.hide))
         self._generator = Simulated33220A(
             GeneratorLatency(amplitude_s=simulation.amplitude_latency_s, frequency_s=simulation.frequency_latency_s)
         )
@@ -49,7 +64,11 @@ class SimulatedRig:
             config.amplifier.voltage_limit_v,
             voltage_monitor_v_per_v=config.amplifier.voltage_monitor_v_per_v,
         )
-        self.plant = FingerPlant(friction_of(model), cutoff_hz_per_mm_s=simulation.friction_cutoff_hz_per_mm_s)
+        self.finger_gain = 1.0
+        self.plant = FingerPlant(
+            lambda f, v, n, speed: self.finger_gain * law(f, v, n, speed, self.plant.time_s),
+            cutoff_hz_per_mm_s=simulation.friction_cutoff_hz_per_mm_s,
+        )
         sensor = SimulatedForceSensor(
             self.plant, noise_n=simulation.force_noise_n, range_n=simulation.force_range_n, seed=simulation.seed
         )
@@ -86,12 +105,39 @@ class SimulatedRig:
         self._server.close()
 
 
-def friction_of(model: TouchModel) -> Callable[[float, float, float, float], float]:
-    """Steady lateral force in N from (frequency_hz, voltage_v, normal_force_n, speed_m_s), by the model."""
+def friction_of(model: TouchModel) -> FrictionLaw:
+    """The model's steady lateral force; without an effect of time, time does not matter to it."""
+    ages = any("time_s" in effect.needs for effect in model.description.effects)
 
-    def friction_n(frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float) -> float:
+    @lru_cache(maxsize=64)
+    def cof(frequency_hz: float, voltage_v: float, load_n: float, speed_m_s: float, time_s: float) -> float:
+        f, v, n, s, t = (np.array([x]) for x in (frequency_hz, voltage_v, load_n, speed_m_s, time_s))
+        return float(model.predict(Conditions(f, v, n, speed_m_s=s, time_s=t)).cof[0])
+
+    def friction_n(
+        frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float, time_s: float
+    ) -> float:
         load_n = max(normal_force_n, LEAST_FORCE_N)
-        conditions = Conditions(np.array([frequency_hz]), np.array([voltage_v]), np.array([load_n]))
-        return float(model.predict(conditions).cof[0]) * normal_force_n
+        seen_s = TIME_STEP_S * round(time_s / TIME_STEP_S) if ages else 0.0
+        return cof(frequency_hz, voltage_v, load_n, min(abs(speed_m_s), HIGHEST_SPEED_M_S), seen_s) * normal_force_n
 
     return friction_n
+
+
+def with_hidden(model: TouchModel, hide: Mapping[str, Mapping[str, float]]) -> TouchModel:
+    """`model` with effects switched on that its file does not tell of; BadInputError names what is wrong."""
+    hidden: dict[str, dict[str, Parameter]] = {}
+    for name, values in hide.items():
+        if name not in BY_NAME:
+            raise BadInputError("bad_hide", f"hide: there is no effect '{name}'", nearest(name, list(BY_NAME)))
+        known = {p.name: p for p in BY_NAME[name].parameters()}
+        for key in values:
+            if key not in known:
+                raise BadInputError("bad_hide", f"hide: {name} has no parameter '{key}'", nearest(key, list(known)))
+        for key, p in known.items():
+            if not p.low <= values.get(key, np.nan) <= p.high:
+                what = f"hide: {name}.{key} is {values.get(key, 'missing')}"
+                raise BadInputError("bad_hide", what, f"Give a number in {p.low:g}..{p.high:g} {p.unit}")
+        hidden[name] = {key: Parameter(float(values[key]), p.unit, "hidden") for key, p in known.items()}
+    switched_on = {**model.description.effect_parameters, **hidden}
+    return TouchModel(replace(model.description, effect_parameters=switched_on)) if hide else model

@@ -1,0 +1,168 @@
+"""`haptic measure`: an experiment on the rig, from a plan to a data file."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import inspect
+import sys
+import tomllib
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptic_driver.cli.output import Json, ModelOption, RigOption, progress, report, stderr, stdout
+from haptic_driver.config import RigConfig, load_model, load_rig, parse
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.experiments.bench import SimulatedBench
+from haptic_driver.experiments.data_file import DataFile
+from haptic_driver.experiments.plan import load_plan
+from haptic_driver.experiments.run import Experiment, prepare, run
+from haptic_driver.rig import OffEvidence
+from haptic_driver.simulated_rig import FrictionLaw, with_hidden
+from model.touch_model import TouchModel
+
+PlanOption = Annotated[str, typer.Option("--plan", help="Plan: a name in configs/plans or a path.")]
+OutOption = Annotated[Path, typer.Option("--out", help="CSV to write, one row at a time.")]
+
+
+def measure(
+    plan: PlanOption,
+    out: OutOption,
+    rig: RigOption = "simulated",
+    model: ModelOption = "reference",
+    resume: Annotated[bool, typer.Option("--resume", help="Continue a file that was interrupted.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Refused points are an error, not skipped.")] = False,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, help="Order and noise; the plan's own if left out.")
+    ] = None,
+    hide: Annotated[Path | None, typer.Option("--hide", help="TOML: effects that the simulated finger has.")] = None,
+    hide_function: Annotated[
+        str | None, typer.Option("--hide-function", help="module:function, the simulated finger's whole friction.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Measure friction over a plan's frequencies, voltages, loads and speeds.
+
+    Points outside the rig's limits, with the finger currents that the model predicts, are listed first and never
+    energised. Every row is on the disk before the next begins. A simulated finger may be given effects that the model
+    does not know, as `[series_resistance] resistance_ohm = 2e4` in a file, or as any function `(frequency_hz,
+    voltage_v, normal_force_n, speed_m_s, time_s) -> lateral force in N`; the data do not say which.
+
+    Example: `haptic measure --rig simulated --plan paper --out data.csv`
+    """
+    config = _simulated(load_rig(rig))
+    if hide is not None and hide_function is not None:
+        raise BadInputError("usage", "--hide and --hide-function both say what friction is", "Give one of them")
+    if hide is not None:
+        config = _hiding(config, hide)
+    law, source = (None, "") if hide_function is None else _function(hide_function)
+    touch = TouchModel(load_model(model))
+    with_hidden(touch, config.simulation.hide)  # refused before anything is written
+    experiment = prepare(config, touch, load_plan(plan), seed)
+    _tell_refused(experiment, strict)
+    if resume and force:
+        raise BadInputError("usage", "--resume and --force contradict each other", "Give one of them")
+    identity = experiment.identity(source)
+    opened = DataFile.resume(out, identity, experiment.rows) if resume else DataFile.create(out, identity, force=force)
+    total = len(experiment.rows)
+    with opened as data:
+        bench = SimulatedBench(config, touch, seed=experiment.seed, first_row=data.done, friction=law)
+        try:
+            with bench, progress("measuring", total) as advance:
+                off = run(experiment, bench, data, advance)
+        except KeyboardInterrupt as stop:
+            raise HapticError(
+                "interrupted", f"interrupted; {data.done} of {total} rows are in {out}, the output is off",
+                "Continue with --resume",
+            ) from stop  # fmt: skip
+    payload = {
+        "rows": data.done,
+        "skipped": experiment.skipped,
+        "out": str(out),
+        "plan": experiment.plan.name,
+        "simulated": config.simulated,
+        "duration_s": experiment.duration_s,
+        "refused": [{**refusal.setting._asdict(), "reason": refusal.reason} for refusal in experiment.refusals],
+    }
+    report(as_json, payload, lambda: _show(experiment, out, off))
+
+
+def _simulated(config: RigConfig) -> RigConfig:
+    if not config.simulated:
+        raise BadInputError(
+            "not_simulated",
+            f"rig {config.name} is not simulated, and there is no driver for a real force sensor yet",
+            "Measure on a simulated rig, such as --rig simulated",
+        )
+    return config
+
+
+def _hiding(config: RigConfig, path: Path) -> RigConfig:
+    """The rig with the effects of a file hidden in its finger, beside those of its own."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise BadInputError(
+            "bad_hide", f"{path}: cannot be read ({error})", "For example: [series_resistance] resistance_ohm = 2e4"
+        ) from error
+    simulation = config.simulation
+    both = {**simulation.model_dump(), "hide": {**simulation.hide, **content}}
+    return config.model_copy(update={"simulation": parse(type(simulation), both, str(path))})
+
+
+def _function(name: str) -> tuple[FrictionLaw, str]:
+    """A friction function by `module:function` or `file.py:function`, and its source."""
+    module_name, _, function_name = name.rpartition(":")
+    hint = "Give module:function or file.py:function"
+    try:
+        if module_name.endswith(".py"):
+            spec = importlib.util.spec_from_file_location(Path(module_name).stem, module_name)
+            if spec is None or spec.loader is None:
+                raise ImportError(module_name)
+            module = importlib.util.module_from_spec(spec)
+            spec.loader.exec_module(module)
+        else:
+            sys.path.insert(0, "")
+            try:
+                module = importlib.import_module(module_name)
+            finally:
+                sys.path.remove("")
+        function = getattr(module, function_name)
+        source = inspect.getsource(module)
+    except Exception as error:
+        raise BadInputError("bad_function", f"--hide-function {name}: cannot be loaded ({error!r})", hint) from error
+    if not callable(function):
+        raise BadInputError("bad_function", f"--hide-function {name}: is not a function", hint)
+
+    def law(frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float, time_s: float) -> float:
+        try:
+            return float(function(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s))
+        except Exception as error:
+            raise HapticError("function_failed", f"--hide-function {name}: raised {error!r}", hint) from error
+
+    return law, source
+
+
+def _tell_refused(experiment: Experiment, strict: bool) -> None:
+    refusals = experiment.refusals
+    if not refusals:
+        return
+    for refusal in refusals:
+        stderr.print(f"refused: {refusal}")
+    said = f"rig {experiment.config.name} refuses {len(refusals)} of {len(experiment.plan.settings)} points"
+    if strict:
+        raise BadInputError("refused", f"plan {experiment.plan.name}: {said}", "Change the plan, or leave out --strict")
+    stderr.print(f"warning: {said}; {experiment.skipped} rows are skipped")
+
+
+def _show(experiment: Experiment, out: Path, off: OffEvidence) -> None:
+    stdout.print(
+        f"{len(experiment.rows)} rows of plan '{experiment.plan.name}' on a [bold]simulated[/] rig -> {out} "
+        f"({experiment.duration_s / 60:.1f} min of simulated time)"
+    )
+    if experiment.skipped:
+        stdout.print(f"{experiment.skipped} rows skipped: outside the rig's limits")
+    stdout.print(f"output at the end: {off}")

@@ -1,0 +1,1 @@
+"""Measurement plans run on a rig -> tidy data."""

@@ -1,0 +1,52 @@
+"""A steady window of force readings -> friction and its standard error."""
+
+from __future__ import annotations
+
+from math import isfinite, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+WINDOW_FACTOR = 3.0  # the autocorrelation is summed over this many correlation times: least error for wobbles as here
+
+
+class Friction(NamedTuple):
+    """Coefficient of friction and the standard error (1 sigma) of this mean."""
+
+    cof: float
+    cof_std: float
+
+    @property
+    def valid(self) -> bool:
+        """Whether both are numbers that data may hold."""
+        return isfinite(self.cof) and isfinite(self.cof_std) and self.cof > 0.0 and self.cof_std > 0.0
+
+
+def friction(lateral_n: Array, normal_n: Array) -> Friction:
+    """Ratio of the mean forces of n evenly spaced readings, with the error that their scatter implies."""
+    normal = float(np.mean(normal_n))
+    cof = float(np.mean(lateral_n)) / normal
+    return Friction(cof, standard_error((lateral_n - cof * normal_n) / normal))
+
+
+def standard_error(series: Array) -> float:
+    """Standard error of the mean of a stationary series of n values that remember one another.
+
+    sqrt(C n^-1) with C the autocovariance summed over a window that closes by itself, after WINDOW_FACTOR integrated
+    correlation times, and corrected for the mean having been taken from the same series (Wolff, Comput. Phys. Commun.
+    156 (2004) 143, equations 31, 35 and 49; the window of Madras and Sokal, J. Stat. Phys. 50 (1988) 109).
+    """
+    n = series.size
+    deviation = series - np.mean(series)
+    covariance = np.correlate(deviation, deviation, "full")[n - 1 :] / np.arange(n, 0, -1)
+    if covariance[0] <= 0.0:
+        return 0.0
+    total = covariance[0]
+    for lag in range(1, n // 4):
+        total = max(total + 2.0 * covariance[lag], covariance[0] / n)
+        if lag >= WINDOW_FACTOR * 0.5 * total / covariance[0]:
+            break
+    return sqrt(total * (1.0 + (2 * lag + 1) / n) / n)

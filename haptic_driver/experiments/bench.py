@@ -1,0 +1,105 @@
+"""The rig and the finger that is measured on it; here the simulated one, with what makes real data scatter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, sqrt
+from types import TracebackType
+from typing import Protocol, Self
+
+import numpy as np
+
+from haptic_driver.config import RigConfig
+from haptic_driver.rig import Rig
+from haptic_driver.simulated_rig import FrictionLaw, SimulatedRig
+from model.touch_model import TouchModel
+
+
+class Bench(Protocol):
+    """A rig and a finger that slides over it for as long as it is told."""
+
+    @property
+    def rig(self) -> Rig:
+        """The rig as every driver sees it."""
+
+    def begin_session(self, session: int, time_s: float) -> None:
+        """A finger comes to the rig; the clock of its force readings stands at `time_s`."""
+
+    def begin_row(self, number: int) -> None:
+        """The finger is about to touch for a row."""
+
+    def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
+        """The finger presses and slides so for `dt_s`; without a load it is lifted."""
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """How a simulated finger's friction varies, relative to the model's; judged, of the size seen on real fingers.
+
+    `session_gain`: standard deviation of the factor that a session's finger has on all its friction. `wobble`: standard
+    deviation of friction while sliding, forgotten exponentially over `wobble_s`: ridges, stick-slip, tremor.
+    """
+
+    session_gain: float = 0.05
+    wobble: float = 0.10
+    wobble_s: float = 0.010
+
+
+class SimulatedBench:
+    """A simulated rig and finger; `seed` and the number of the session and row decide how friction varies.
+
+    `friction` stands in for the model's, see `SimulatedRig`. `first_row` is where the measurement begins.
+    """
+
+    def __init__(
+        self,
+        config: RigConfig,
+        model: TouchModel,
+        *,
+        seed: int,
+        first_row: int = 0,
+        scatter: Scatter | None = None,
+        friction: FrictionLaw | None = None,
+    ) -> None:
+        self._seed = (config.simulation.seed % 2**32, seed)
+        self._scatter = scatter or Scatter()
+        noise_seed = int(np.random.default_rng([*self._seed, first_row]).integers(2**31))
+        simulation = config.simulation.model_copy(update={"seed": noise_seed})
+        self.simulated = SimulatedRig(config.model_copy(update={"simulation": simulation}), model, friction=friction)
+        self._session_gain = 1.0
+        self._wobble = 0.0
+        self._random = np.random.default_rng(self._seed)
+
+    @property
+    def rig(self) -> Rig:
+        """See `Bench`."""
+        return self.simulated.rig
+
+    def begin_session(self, session: int, time_s: float) -> None:
+        """See `Bench`."""
+        draw = float(np.random.default_rng([*self._seed, 1, session]).standard_normal())
+        self._session_gain = exp(self._scatter.session_gain * draw)
+        self.simulated.plant.time_s = time_s
+
+    def begin_row(self, number: int) -> None:
+        """See `Bench`."""
+        self._random = np.random.default_rng([*self._seed, 2, number])
+        self._wobble = float(self._random.standard_normal())
+
+    def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
+        """See `Bench`."""
+        kept = exp(-dt_s / self._scatter.wobble_s)
+        self._wobble = kept * self._wobble + sqrt(1.0 - kept * kept) * float(self._random.standard_normal())
+        self.simulated.finger_gain = self._session_gain * (1.0 + self._scatter.wobble * self._wobble)
+        self.simulated.step(dt_s, normal_force_n, speed_m_s)
+
+    def __enter__(self) -> Self:
+        """Serve the instruments."""
+        self.simulated.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Switch off and stop serving."""
+        self.simulated.__exit__(kind, error, trace)

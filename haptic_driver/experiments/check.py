@@ -1,0 +1,60 @@
+"""Which settings of a plan the rig permits, decided before anything is energised."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from haptic_driver.config import RigConfig
+from haptic_driver.experiments.plan import Setting
+from haptic_driver.render.safety import violation
+from haptic_driver.signals import OperatingPoint
+from hw.waveform_generator import AMPLITUDE_HIGH_VPP, AMPLITUDE_LOW_VPP
+from model.touch_model import Conditions, TouchModel
+
+
+class Refusal(NamedTuple):
+    """A setting that is not measured, and why."""
+
+    setting: Setting
+    reason: str
+
+    def __str__(self) -> str:
+        """For a person."""
+        s = self.setting
+        at = f"{s.frequency_hz:g} Hz, {s.voltage_v:g} V, {s.normal_force_n:g} N, {1e3 * s.speed_m_s:g} mm/s"
+        return f"{at}: {self.reason}"
+
+
+def check(
+    settings: Sequence[Setting], config: RigConfig, model: TouchModel
+) -> tuple[dict[Setting, OperatingPoint], list[Refusal]]:
+    """The operating points of what `config` permits, with the currents that `model` predicts, and all refusals."""
+    table = np.array(settings, dtype=np.float64).reshape(-1, len(Setting._fields))
+    answer = model.predict(Conditions(table[:, 0], table[:, 1], table[:, 2], speed_m_s=table[:, 3]))
+    limits = config.operating_limits()
+    points: dict[Setting, OperatingPoint] = {}
+    refusals: list[Refusal] = []
+    for i, setting in enumerate(settings):
+        cof = float(answer.cof[i])
+        currents = float(answer.current_rms_a[i]), float(answer.stuck_current_rms_a[i])
+        point = OperatingPoint(setting.frequency_hz, setting.voltage_v, cof, *currents, True, cof, cof)
+        reason = _beyond_generator(setting, config) or _no_equilibrium(cof) or violation(limits, point)
+        if reason is None:
+            points[setting] = point
+        else:
+            refusals.append(Refusal(setting, reason))
+    return points, refusals
+
+
+def _beyond_generator(setting: Setting, config: RigConfig) -> str | None:
+    low_v, high_v = (0.5 * vpp * config.amplifier.gain_v_per_v for vpp in (AMPLITUDE_LOW_VPP, AMPLITUDE_HIGH_VPP))
+    if setting.voltage_v == 0.0 or low_v <= setting.voltage_v <= high_v:
+        return None
+    return f"{setting.voltage_v:g} V is outside {low_v:g}..{high_v:g} V, what the generator can make"
+
+
+def _no_equilibrium(cof: float) -> str | None:
+    return None if np.isfinite(cof) else "the model predicts that the contact pulls in"

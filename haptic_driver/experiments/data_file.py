@@ -1,0 +1,174 @@
+"""Measured data on disk: one CSV row at a time, so that whatever interrupts costs at most one row.
+
+Beside `data.csv` lies `data.csv.meta.json`: what was measured on what, as far as a reader may know. Of the rig there is
+only a salted hash; what a simulation hides cannot be read from it, nor whether it hides anything.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import os
+import secrets
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TextIO
+
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.experiments.average import Friction
+from haptic_driver.experiments.plan import Row
+
+SETTING_COLUMNS = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "session", "trial")
+COLUMNS = (
+    "frequency_hz", "voltage_v", "normal_force_n", "cof", "cof_std", "speed_m_s", "time_s", "session", "trial",
+    "simulated",
+)  # fmt: skip
+HINT = "Give another --out, or --force to overwrite it"
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What must be the same for a file to be continued; `rig_content` is hashed, never written."""
+
+    plan: str
+    plan_hash: str
+    seed: int
+    model: str
+    model_hash: str
+    rig: str
+    rig_content: str
+    simulated: bool
+
+    def meta(self, salt: str) -> dict[str, Any]:
+        """What the sidecar says."""
+        said = asdict(self)
+        content = said.pop("rig_content")
+        return said | {"salt": salt, "rig_hash": hashlib.sha256(f"{salt} {content}".encode()).hexdigest()}
+
+
+class DataFile:
+    """A CSV of measured rows that is only ever appended to; `done` is how many of the rows it has.
+
+    `last_time_s` is the `time_s` of the last of them, None without any. Use as a context manager.
+    """
+
+    def __init__(self, file: TextIO, simulated: bool, done: int = 0, last_time_s: float | None = None) -> None:
+        self._file = file
+        self._simulated = simulated
+        self.done = done
+        self.last_time_s = last_time_s
+
+    @classmethod
+    def create(cls, path: Path, identity: Identity, *, force: bool = False) -> Self:
+        """A new file, with its header and sidecar; BadInputError where one exists, unless `force`."""
+        if path.exists() and not force:
+            raise BadInputError("file_exists", f"{path}: exists already", "Give --resume, --force or another --out")
+        try:
+            path.unlink(missing_ok=True)
+            _write_whole(meta_path(path), json.dumps(identity.meta(secrets.token_hex(16)), indent=1) + "\n")
+            data = cls(path.open("x", encoding="utf-8", newline=""), identity.simulated)
+            data._write(COLUMNS)
+        except OSError as error:
+            raise _not_written(path, error) from error
+        return data
+
+    @classmethod
+    def resume(cls, path: Path, identity: Identity, rows: Sequence[Row]) -> Self:
+        """Continue a file that holds the first of `rows`; a last line cut short is dropped. New where there is none."""
+        if not path.exists():
+            return cls.create(path, identity)
+        _check_identity(path, identity)
+        try:
+            content = path.read_bytes()
+            whole = content[: content.rfind(b"\n") + 1]
+            table = list(csv.DictReader(io.StringIO(whole.decode("utf-8"))))
+            _check_rows(path, table, rows)
+            if len(whole) < len(content):
+                os.truncate(path, len(whole))
+            file = path.open("a", encoding="utf-8", newline="")
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise BadInputError("file_unreadable", f"{path}: cannot be continued ({error})", HINT) from error
+        data = cls(file, identity.simulated, len(table), float(table[-1]["time_s"]) if table else None)
+        if not whole:
+            data._write(COLUMNS)
+        return data
+
+    def append(self, row: Row, friction: Friction, time_s: float) -> None:
+        """Write one row through to the disk."""
+        setting, answer = _setting_texts(row), (f"{friction.cof:.6g}", f"{friction.cof_std:.4g}")
+        simulated = "true" if self._simulated else "false"
+        try:
+            self._write([*setting[:3], *answer, setting[3], f"{time_s:.6f}", *setting[4:], simulated])
+        except OSError as error:
+            raise _not_written(Path(self._file.name), error) from error
+        self.done += 1
+        self.last_time_s = time_s
+
+    def _write(self, texts: Sequence[str]) -> None:
+        self._file.write(",".join(texts) + "\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def __enter__(self) -> Self:
+        """Already open."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close; every row is on the disk already."""
+        self._file.close()
+
+
+def meta_path(path: Path) -> Path:
+    """Where the sidecar of a data file lies."""
+    return path.with_name(f"{path.name}.meta.json")
+
+
+def _setting_texts(row: Row) -> list[str]:
+    return [*(f"{value:.9g}" for value in row.setting), str(row.session), str(row.trial)]
+
+
+def _check_identity(path: Path, identity: Identity) -> None:
+    sidecar = meta_path(path)
+    try:
+        found = json.loads(sidecar.read_text(encoding="utf-8"))
+        expected = identity.meta(str(found["salt"]))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise BadInputError("not_resumable", f"{sidecar}: cannot be read ({error})", HINT) from error
+    by_name_first = sorted(expected, key=lambda key: key.endswith("_hash"))
+    different = [key for key in by_name_first if found.get(key) != expected[key]]
+    if different:
+        key = different[0]
+        if key.endswith("_hash"):
+            said = f"another {key.removesuffix('_hash')}, or it has changed since"
+        else:
+            said = f"{key} {found.get(key)}, not {expected[key]}"
+        raise BadInputError("not_resumable", f"{path}: was begun with {said}", f"Resume it as it was begun. {HINT}")
+
+
+def _check_rows(path: Path, table: list[dict[str, str]], rows: Sequence[Row]) -> None:
+    if len(table) > len(rows):
+        raise BadInputError("not_resumable", f"{path}: has {len(table)} rows, the plan {len(rows)}", HINT)
+    for line, (found, row) in enumerate(zip(table, rows, strict=False), start=2):
+        texts = [found.get(name) for name in SETTING_COLUMNS]
+        if texts != _setting_texts(row) or not found.get("time_s"):
+            raise BadInputError("not_resumable", f"{path}, line {line}: is not the plan's row {line - 1}", HINT)
+
+
+def _write_whole(path: Path, text: str) -> None:
+    """All or nothing."""
+    partial = path.with_name(f"{path.name}.part")
+    with partial.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    partial.replace(path)
+
+
+def _not_written(path: Path, error: OSError) -> HapticError:
+    return HapticError("not_written", f"{path}: cannot be written ({error.strerror})", "Choose another --out")

@@ -1,0 +1,170 @@
+"""Measurement plans: which settings are measured, how often, in which order, for how long."""
+
+from __future__ import annotations
+
+import tomllib
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
+
+from haptic_driver.config import config_dirs, parse
+from haptic_driver.errors import BadInputError
+from model.errors import nearest
+
+MOST_ROWS = 100_000
+
+
+def _as_list(value: Any) -> Any:
+    return value if isinstance(value, list) else [value]
+
+
+_SOME = (Field(min_length=1), BeforeValidator(_as_list))  # one number or a list of them
+Frequencies = Annotated[list[Annotated[FiniteFloat, Field(ge=1e-3, le=20e6)]], *_SOME]
+Voltages = Annotated[list[Annotated[FiniteFloat, Field(ge=0.0, le=1000.0)]], *_SOME]
+Loads = Annotated[list[Annotated[FiniteFloat, Field(ge=0.01, le=20.0)]], *_SOME]
+Speeds = Annotated[list[Annotated[FiniteFloat, Field(ge=1e-4, le=1.0)]], *_SOME]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class _Block(_Section):
+    """Levels whose every combination is measured."""
+
+    frequency_hz: Frequencies
+    voltage_v: Voltages
+    normal_force_n: Loads
+    speed_m_s: Speeds
+
+
+class _PlanFile(_Section):
+    """A plan as its file says; each of `points` is a block, with the lists of the file for what it does not say."""
+
+    name: str
+    about: str = ""
+    frequency_hz: Frequencies | None = None
+    voltage_v: Voltages | None = None
+    normal_force_n: Loads | None = None
+    speed_m_s: Speeds | None = None
+    points: Annotated[list[dict[str, Any]], Field(min_length=1)] = [{}]
+    repeats: Annotated[int, Field(ge=1, le=1000)] = 1
+    sessions: Annotated[int, Field(ge=1, le=1000)] = 1
+    randomise: bool = True
+    seed: Annotated[int, Field(ge=0)] = 1
+    voltage_off_every: Annotated[int, Field(ge=0)] = 0
+    settle_s: Annotated[FiniteFloat, Field(ge=0.1, le=600.0)] = 0.75
+    average_s: Annotated[FiniteFloat, Field(ge=0.25, le=60.0)] = 1.0
+    pause_s: Annotated[FiniteFloat, Field(ge=0.0, le=3600.0)] = 1.0
+
+
+class Setting(NamedTuple):
+    """What is set for one row; `voltage_v` 0 is friction without voltage, its frequency is 0 and means nothing."""
+
+    frequency_hz: float
+    voltage_v: float
+    normal_force_n: float
+    speed_m_s: float
+
+    def without_voltage(self) -> Setting:
+        """The same load and speed with the output off."""
+        return Setting(0.0, 0.0, self.normal_force_n, self.speed_m_s)
+
+
+class Row(NamedTuple):
+    """One row to measure; `session` and `trial` (occurrence of this setting in the session) count from 1."""
+
+    setting: Setting
+    session: int
+    trial: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to measure. `voltage_off_every` n: a row without voltage before every n rows; 0 for none.
+
+    A row lasts `settle_s`, then `average_s` over which friction is averaged, then `pause_s` with the finger lifted.
+    """
+
+    name: str
+    about: str
+    settings: tuple[Setting, ...]
+    repeats: int
+    sessions: int
+    randomise: bool
+    seed: int
+    voltage_off_every: int
+    settle_s: float
+    average_s: float
+    pause_s: float
+
+    def rows(self, settings: Sequence[Setting], seed: int) -> list[Row]:
+        """The order of measurement of `settings`, session by session, the same for the same seed."""
+        ordered: list[Row] = []
+        for session in range(1, self.sessions + 1):
+            todo = list(settings) * self.repeats
+            if self.randomise:
+                todo = [todo[i] for i in np.random.default_rng([seed, session]).permutation(len(todo))]
+            trials: Counter[Setting] = Counter()
+            for setting in self._with_voltage_off(todo):
+                trials[setting] += 1
+                ordered.append(Row(setting, session, trials[setting]))
+        return ordered
+
+    def _with_voltage_off(self, todo: list[Setting]) -> list[Setting]:
+        """A row without voltage, at the load and speed of the row that follows, before every so many rows."""
+        if not self.voltage_off_every:
+            return todo
+        inserted: list[Setting] = []
+        for i, setting in enumerate(todo):
+            inserted += [setting.without_voltage()] if i % self.voltage_off_every == 0 else []
+            inserted.append(setting)
+        return inserted
+
+
+def load_plan(name_or_path: str) -> Plan:
+    """A plan by the name of its file in `configs/plans/`, or by path; BadInputError says what is wrong where."""
+    path = _find(name_or_path)
+    file = parse(_PlanFile, _read_toml(path), str(path))
+    settings: dict[Setting, None] = {}
+    shared = file.model_dump(include=set(_Block.model_fields), exclude_none=True)
+    for number, block in enumerate(file.points, start=1):
+        where = f"{path}, [[points]] {number}" if "points" in file.model_fields_set else str(path)
+        levels = parse(_Block, shared | block, where)
+        for f, v, n, s in product(levels.frequency_hz, levels.voltage_v, levels.normal_force_n, levels.speed_m_s):
+            setting = Setting(float(f), float(v), float(n), float(s))
+            settings[setting if v > 0.0 else setting.without_voltage()] = None
+    count = len(settings) * file.repeats * file.sessions
+    if count > MOST_ROWS:
+        raise BadInputError("bad_config", f"{path}: the plan has {count} rows", f"At most {MOST_ROWS} are measured")
+    rest = file.model_dump(exclude={"points", *_Block.model_fields})
+    return Plan(settings=tuple(settings), **rest)
+
+
+def _find(name_or_path: str) -> Path:
+    given = Path(name_or_path)
+    names = sorted({path.stem for folder in config_dirs() for path in (folder / "plans").glob("*.toml")})
+    if given.suffix == ".toml" or len(given.parts) > 1:
+        if given.is_file():
+            return given
+        raise BadInputError("file_not_found", f"{given}: there is no such file", f"Names found: {', '.join(names)}")
+    for folder in config_dirs():
+        path = folder / "plans" / f"{name_or_path}.toml"
+        if path.is_file():
+            return path
+    raise BadInputError("unknown_plan", f"there is no plan named '{name_or_path}'", nearest(name_or_path, names))
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInputError("file_unreadable", f"{path}: cannot be read ({error})", "Give a readable file") from error
+    except tomllib.TOMLDecodeError as error:
+        raise BadInputError("bad_toml", f"{path}: {error}", "Correct the TOML syntax there") from error

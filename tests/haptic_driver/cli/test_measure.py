@@ -1,0 +1,166 @@
+"""`haptic measure` as it is typed."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.cli.main import main
+
+PLAN = """
+name = "short"
+frequency_hz = [60.0, 250.0, 1e4]
+voltage_v = 75.0
+normal_force_n = 0.5
+speed_m_s = 0.02
+voltage_off_every = 2
+"""
+
+
+@pytest.fixture
+def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "short.toml").write_text(PLAN)
+    return "short.toml"
+
+
+def test_json_says_what_was_measured(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["measure", "--rig", "simulated", "--plan", plan, "--out", "data.csv", "--seed", "3", "--json"]) == 0
+    out, err = capsys.readouterr()
+    said = json.loads(out)
+    assert {key: said[key] for key in ("rows", "skipped", "out", "plan", "simulated")} == {
+        "rows": 3, "skipped": 1, "out": "data.csv", "plan": "short", "simulated": True,
+    }  # fmt: skip
+    assert said["duration_s"] == pytest.approx(3 * 2.75)
+    assert [r["frequency_hz"] for r in said["refused"]] == [1e4]
+    assert "refused: 10000 Hz, 75 V, 0.5 N, 20 mm/s: worst-case finger current" in err
+    assert "1 rows are skipped" in err
+    assert json.loads(Path("data.csv.meta.json").read_text())["seed"] == 3
+
+
+def test_for_a_person_it_says_simulated_and_off(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["measure", "--plan", plan, "--out", "data.csv"]) == 0
+    out = capsys.readouterr().out
+    assert "3 rows of plan 'short' on a simulated rig -> data.csv" in out
+    assert "generator says off" in out
+
+
+def test_strict_refuses_the_plan_and_writes_nothing(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["measure", "--plan", plan, "--out", "data.csv", "--strict", "--json"]) == 2
+    out, err = capsys.readouterr()
+    assert json.loads(out)["error"]["code"] == "refused"
+    assert "worst-case finger current" in err
+    assert not Path("data.csv").exists()
+
+
+def test_overwriting_needs_force_and_resuming_changes_nothing_when_done(
+    plan: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["measure", "--plan", plan, "--out", "data.csv"]
+    assert main(command) == 0
+    first = Path("data.csv").read_text()
+    assert main(command) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main([*command, "--resume"]) == 0
+    assert Path("data.csv").read_text() == first
+    assert main([*command, "--resume", "--force"]) == 2
+    assert main([*command, "--force"]) == 0
+    assert Path("data.csv").read_text() == first
+
+
+def test_a_rig_that_is_not_simulated_is_refused(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
+    shipped = Path(__file__).parents[3] / "configs" / "rigs" / "simulated.toml"
+    real = shipped.read_text().replace("simulated = true", "simulated = false")
+    Path("real.toml").write_text(real.replace('resource = "simulated"', 'resource = "TCPIP::127.0.0.1::1::SOCKET"'))
+    assert main(["measure", "--rig", "real.toml", "--plan", plan, "--out", "data.csv"]) == 2
+    assert "no driver for a real force sensor" in " ".join(capsys.readouterr().err.split())
+
+
+def cofs() -> list[float]:
+    with Path("data.csv").open(newline="") as file:
+        return [float(row["cof"]) for row in csv.DictReader(file)]
+
+
+def test_effects_hide_in_a_file_or_a_rig(plan: str) -> None:
+    command = ["measure", "--plan", plan, "--out", "data.csv", "--force"]
+    assert main(command) == 0
+    plain = cofs()
+    Path("hide.toml").write_text("[series_resistance]\nresistance_ohm = 1e8\n")
+    assert main([*command, "--hide", "hide.toml"]) == 0
+    hidden = cofs()
+    assert all(a <= b for a, b in zip(hidden, plain, strict=True))
+    assert min(hidden) < 0.9 * max(plain)
+    rig = (Path(__file__).parents[3] / "configs" / "rigs" / "simulated.toml").read_text()
+    Path("rig.toml").write_text(rig + "hide = { series_resistance = { resistance_ohm = 1e8 } }\n")
+    assert main([*command, "--rig", "rig.toml"]) == 0
+    assert cofs() == hidden
+
+
+def test_a_function_outside_the_catalogue(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("stranger.py").write_text("def friction(f, v, load, speed, time):\n    return 2.0 * load\n")
+    command = ["measure", "--plan", plan, "--out", "data.csv", "--force"]
+    for name in ("stranger:friction", "stranger.py:friction"):
+        assert main([*command, "--hide-function", name]) == 0
+        assert all(1.6 < cof < 2.4 for cof in cofs())
+    assert "stranger" not in Path("data.csv").read_text() + Path("data.csv.meta.json").read_text()
+    Path("broken.py").write_text("def friction(f, v, load, speed, time):\n    return 1 / 0\n")
+    assert main([*command, "--hide-function", "broken.py:friction"]) == 1
+    assert "ZeroDivisionError" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--hide", "missing.toml"], "cannot be read"),
+        (["--hide", "bad.toml"], "series_resistanse"),
+        (["--hide", "short.toml"], "hide"),
+        (["--hide-function", "nowhere:friction"], "cannot be loaded"),
+        (["--hide-function", "json"], "cannot be loaded"),
+        (["--hide-function", "json:__name__"], "not a function"),
+        (["--hide", "bad.toml", "--hide-function", "json:loads"], "Give one of them"),
+        (["--seed", "-1"], "seed"),
+    ],
+)
+def test_bad_options_are_named(plan: str, options: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("bad.toml").write_text("[series_resistanse]\nresistance_ohm = 1.0\n")
+    assert main(["measure", "--plan", plan, "--out", "data.csv", *options]) == 2
+    assert said in capsys.readouterr().err
+    assert not Path("data.csv").exists()
+
+
+def test_interrupted_by_the_user_the_file_can_be_continued(plan: str) -> None:
+    long = PLAN.replace("[60.0, 250.0, 1e4]", "[60.0, 250.0]") + "repeats = 1000\n"
+    Path("long.toml").write_text(long)
+    arguments = ["measure", "--plan", "long.toml", "--out", "data.csv", "--json"]
+    program = f"import sys; from haptic_driver.cli.main import main; sys.exit(main({arguments!r}))"
+    root = str(Path(__file__).parents[3])
+    child = subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": root},
+    )
+    try:
+        deadline = time.monotonic() + 60.0
+        while time.monotonic() < deadline and (not Path("data.csv").exists() or len(cofs()) < 5):
+            time.sleep(0.02)
+        child.send_signal(signal.SIGINT)
+        out, err = child.communicate(timeout=30.0)
+    finally:
+        child.kill()
+    assert child.returncode == 1, err
+    assert json.loads(out)["error"]["code"] == "interrupted"
+    assert b"the output is off" in err
+    done = len(cofs())
+    assert 5 <= done < 3000
+    assert any(
+        f"{n} of 3000 rows".encode() in err for n in (done - 1, done)
+    )  # a row may be written and not counted yet

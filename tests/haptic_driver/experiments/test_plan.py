@@ -1,0 +1,143 @@
+"""Plans: what a file may say, how many rows it makes, in which order."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.experiments.plan import Plan, load_plan
+
+GRID = """
+name = "grid"
+frequency_hz = [60.0, 125.0, 250.0]
+voltage_v = [50.0, 75.0]
+normal_force_n = [0.25, 0.5]
+speed_m_s = 0.02
+"""
+
+
+def plan_of(folder: Path, text: str) -> Plan:
+    path = folder / "plan.toml"
+    path.write_text(text)
+    return load_plan(str(path))
+
+
+def refused(folder: Path, text: str) -> BadInputError:
+    with pytest.raises(BadInputError) as caught:
+        plan_of(folder, text)
+    assert "plan.toml" in caught.value.message
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "rows"),
+    [("paper", 10, 99), ("voltage_frequency", 25, 171), ("speed_load_time", 36, 288), ("full", 108, 488)],
+)
+def test_shipped_plans_have_the_rows_they_promise(name: str, settings: int, rows: int) -> None:
+    plan = load_plan(name)
+    assert len(plan.settings) == settings
+    assert len(plan.rows(plan.settings, plan.seed)) == rows
+
+
+def test_the_papers_plan_has_its_frequencies() -> None:
+    plan = load_plan("paper")
+    assert [s.frequency_hz for s in plan.settings] == [1, 10, 50, 100, 250, 500, 1e3, 1e4, 1e5, 1e6]
+    assert {(s.voltage_v, s.normal_force_n, s.speed_m_s) for s in plan.settings} == {(75.0, 0.5, 0.02)}
+    without = [r for r in plan.rows(plan.settings, 1) if r.setting.voltage_v == 0.0]
+    assert Counter(r.session for r in without) == {1: 3, 2: 3, 3: 3}
+
+
+def test_lists_are_multiplied_and_repeated_in_every_session(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, GRID + "repeats = 2\nsessions = 3\n")
+    assert len(plan.settings) == 3 * 2 * 2
+    rows = plan.rows(plan.settings, 1)
+    assert len(rows) == len(set(rows)) == 12 * 2 * 3
+    assert {r.trial for r in rows} == {1, 2}
+    assert [r.session for r in rows] == sorted(r.session for r in rows)
+
+
+def test_points_take_what_they_do_not_say_from_the_lists(tmp_path: Path) -> None:
+    points = "[[points]]\nvoltage_v = 60.0\nfrequency_hz = [10.0, 20.0]\n[[points]]\nspeed_m_s = 0.05\n"
+    plan = plan_of(tmp_path, GRID + points)
+    assert len(plan.settings) == 2 * 2 + 3 * 2 * 2
+    assert (10.0, 60.0, 0.25, 0.02) in plan.settings
+    assert (60.0, 50.0, 0.5, 0.05) in plan.settings
+
+
+def test_zero_volts_is_one_setting_whatever_the_frequency(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, GRID.replace("[50.0, 75.0]", "[0.0, 75.0]"))
+    assert [s for s in plan.settings if s.voltage_v == 0.0] == [(0.0, 0.0, 0.25, 0.02), (0.0, 0.0, 0.5, 0.02)]
+
+
+def test_the_order_is_random_and_the_same_for_the_same_seed(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, GRID + "repeats = 2\nsessions = 2\n")
+    order = plan.rows(plan.settings, 7)
+    assert order == plan.rows(plan.settings, 7)
+    assert order != plan.rows(plan.settings, 8)
+    assert sorted(order) == sorted(plan.rows(plan.settings, 8))
+    assert [r.setting for r in order[:24]] != [r.setting for r in order[24:]]  # sessions differ
+
+
+def test_without_randomising_the_order_is_the_files(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, GRID + "randomise = false\n")
+    assert [r.setting for r in plan.rows(plan.settings, 7)] == list(plan.settings)
+
+
+def test_rows_without_voltage_come_before_every_so_many_at_the_same_load_and_speed(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, GRID + "voltage_off_every = 5\nsessions = 2\n")
+    rows = plan.rows(plan.settings, 1)
+    for session in (1, 2):
+        settings = [r.setting for r in rows if r.session == session]
+        off = [i for i, s in enumerate(settings) if s.voltage_v == 0.0]
+        assert off == [0, 6, 12]
+        assert all(settings[i] == settings[i + 1].without_voltage() for i in off)
+    assert len(rows) == len(set(rows))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (GRID + "voltage_of_every = 3", "voltage_off_every"),
+        (GRID.replace("frequency_hz", "frequncy_hz"), "frequency_hz"),
+        (GRID + "[[points]]\nvoltage = 3.0", "voltage_v"),
+    ],
+)
+def test_an_unknown_key_offers_the_nearest(tmp_path: Path, text: str, said: str) -> None:
+    error = refused(tmp_path, text)
+    assert error.code == "unknown_key"
+    assert said in error.hint
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        (GRID.replace("[50.0, 75.0]", "[50.0, -1.0]"), "voltage_v.1"),
+        (GRID.replace("[50.0, 75.0]", "[]"), "voltage_v"),
+        (GRID.replace("[50.0, 75.0]", '"75"'), "voltage_v"),
+        (GRID.replace("[50.0, 75.0]", "nan"), "voltage_v"),
+        (GRID.replace("speed_m_s = 0.02\n", ""), "speed_m_s"),
+        (GRID.replace("speed_m_s = 0.02", "speed_m_s = 20"), "speed_m_s"),
+        (GRID + "points = []", "points"),
+        (GRID + "repeats = 0", "repeats"),
+        (GRID + "seed = -1", "seed"),
+        (GRID + "average_s = 0.1", "average_s"),
+        (GRID + "[[points]]\n[[points]]\nvoltage_v = 2e3", "[[points]] 2: voltage_v"),
+        (GRID + "repeats = 1000\nsessions = 1000", "12000000 rows"),
+    ],
+)
+def test_a_bad_value_names_its_key(tmp_path: Path, text: str, key: str) -> None:
+    error = refused(tmp_path, text)
+    assert error.code == "bad_config"
+    assert key in error.message
+
+
+def test_bad_files_and_names_are_named(tmp_path: Path) -> None:
+    assert refused(tmp_path, "name = ").code == "bad_toml"
+    with pytest.raises(BadInputError, match="papper") as caught:
+        load_plan("papper")
+    assert "paper" in caught.value.hint
+    with pytest.raises(BadInputError, match="no such file"):
+        load_plan(str(tmp_path / "missing.toml"))
