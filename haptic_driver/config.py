@@ -31,7 +31,12 @@ class LimitsConfig(_Section):
     """What the rig allows at the electrode; see `OperatingLimits`."""
 
     voltage_v: Annotated[FiniteFloat, Field(gt=0.0, le=1000.0)]
-    frequency_hz: Annotated[list[Positive], Field(min_length=2, max_length=2)] = [1.0, 1e6]
+    frequency_hz: Annotated[
+        list[Annotated[FiniteFloat, Field(ge=1e-6, le=20e6)]], Field(min_length=2, max_length=2)
+    ] = [
+        1.0,
+        1e6,
+    ]
     contact_current_a_rms: Annotated[
         list[Annotated[list[Positive], Field(min_length=2, max_length=2)]], Field(min_length=1)
     ] = [list(point) for point in ICNIRP_PUBLIC_A_RMS]

@@ -39,16 +39,17 @@ class SimulatedRig:
 
     def __init__(self, config: RigConfig, model: TouchModel, wrap: _Wrap | None = None) -> None:
         simulation = config.simulation
-        self._generator = Simulated33220A(
-            GeneratorLatency(amplitude_s=simulation.amplitude_latency_s, frequency_s=simulation.frequency_latency_s)
-        )
-        core = self._generator if wrap is None else wrap(self._generator)
-        self._server = TcpServer(core)
         self.amplifier = SimulatedAmplifier(
             config.amplifier.gain_v_per_v,
             config.amplifier.voltage_limit_v,
             voltage_monitor_v_per_v=config.amplifier.voltage_monitor_v_per_v,
         )
+        self._generator = Simulated33220A(
+            GeneratorLatency(amplitude_s=simulation.amplitude_latency_s, frequency_s=simulation.frequency_latency_s),
+            listener=self.amplifier.drive,  # so that the monitor sees what the generator does between steps
+        )
+        core = self._generator if wrap is None else wrap(self._generator)
+        self._server = TcpServer(core)
         self.plant = FingerPlant(friction_of(model), cutoff_hz_per_mm_s=simulation.friction_cutoff_hz_per_mm_s)
         sensor = SimulatedForceSensor(
             self.plant, noise_n=simulation.force_noise_n, range_n=simulation.force_range_n, seed=simulation.seed
