@@ -188,6 +188,8 @@ def parse(schema: type[Parsed], content: dict[str, Any], where: str) -> Parsed:
         if first["type"] == "extra_forbidden":
             known = _fields_at(schema, keys[:-1])
             raise BadInputError("unknown_key", f"{where}: unknown key '{key}'", nearest(keys[-1], known)) from error
+        if first["type"] == "missing":
+            raise BadInputError("bad_config", f"{where}: {key} is missing", "Add it") from error
         said = first["msg"].removeprefix("Value error, ")
         given = "" if first["type"] in ("missing", "value_error") else f", not {first['input']!r}"
         raise BadInputError("bad_config", f"{where}: {key}: {said}{given}", "Correct this key") from error

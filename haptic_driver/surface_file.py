@@ -88,7 +88,7 @@ class SurfaceFile:
 
 def read_surface(path: Path) -> SurfaceFile:
     """Read and verify a surface file; BadInputError for a missing, damaged, foreign or newer one."""
-    rebuild = "Build a new one: haptic surface build --out " + path.name
+    rebuild = "Build a new one with: haptic surface build --out surface.h5"
     if not path.is_file():
         raise BadInputError("surface_not_found", f"{path}: there is no such surface file", rebuild)
     try:

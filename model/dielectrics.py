@@ -128,13 +128,14 @@ def read_csv(path: Path) -> Tabulated:
     """A set from columns `frequency_hz, eps_real, conductivity_s_per_m`; ModelError says which line is wrong."""
     columns = ("frequency_hz", "eps_real", "conductivity_s_per_m")
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError) as error:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            rows = [(reader.line_num, row) for row in reader]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ModelError(f"{path}: dielectric table cannot be read ({error})", "Give an existing CSV file") from error
     wanted = f"Wanted: columns {', '.join(columns)}; at least 2 rows, frequencies rising, all values positive"
     values: list[tuple[float, ...]] = []
-    for line, row in enumerate(rows, start=2):
+    for line, row in rows:
         try:
             values.append(tuple(float(row[c]) for c in columns))
         except (KeyError, TypeError, ValueError) as error:

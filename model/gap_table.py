@@ -16,6 +16,7 @@ import hashlib
 import json
 import os
 import tempfile
+import zipfile
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from math import pi
@@ -67,7 +68,7 @@ def build_values(shape: SelfAffineShape) -> Array:
     values = np.empty((LOG_P_AXIS[2], *z.shape, 3))
     for i, log_p in enumerate(axis(LOG_P_AXIS)):
         k_hat, l_hat = gap_integrals(shape, float(np.exp(log_p)), z)
-        values[i] = np.stack([np.log(k_hat), np.log(np.abs(l_hat)), np.angle(l_hat)], axis=-1)
+        values[i] = logarithms(k_hat, l_hat)
     return values
 
 
@@ -87,6 +88,14 @@ def gap_integrals(
     return k_hat.reshape(z_hat.shape), l_hat.reshape(z_hat.shape)
 
 
+def logarithms(k_hat: Array, l_hat: NDArray[np.complex128]) -> Array:
+    """log K^, log |L^|, arg L^ along a last axis; a finite floor where the skin is pressed flat and no gap is left."""
+    tiny = np.finfo(np.float64).tiny
+    return np.stack(
+        [np.log(np.maximum(k_hat, tiny)), np.log(np.maximum(np.abs(l_hat), tiny)), np.angle(l_hat)], axis=-1
+    )
+
+
 def axis(spec: tuple[float, float, int]) -> Array:
     """The nodes of one uniform axis."""
     return np.linspace(*spec)
@@ -96,7 +105,8 @@ def axis(spec: tuple[float, float, int]) -> Array:
 def lookup(values: Array, p_hat: float, z_hat: complex, out: Array) -> bool:
     """K^, |L^| and arg L^ at one point into `out` [3]; False (and the nearest edge) outside the table's pressures.
 
-    Local cubic interpolation on four nodes per axis: 3e-5 of the direct quadrature. Beyond the lengths of the table
+    Local cubic interpolation on four nodes per axis: 3e-5 of the direct quadrature (4e-4 near the highest pressures,
+    where hardly a gap is left). Beyond the lengths of the table
     its limits hold: K ~ 1/|z| below (P is constant there), K ~ 1/|z|^2 and L ~ 1/z above. K(conj z) = K(z),
     L(conj z) = conj L(z).
     """
@@ -140,19 +150,25 @@ def _key(shape: SelfAffineShape) -> str:
 
 def _read(path: Path) -> Array | None:
     try:
-        values: Array = np.load(path, allow_pickle=False)
-    except (OSError, ValueError):
+        with path.open("rb") as stream:
+            values = np.load(stream, allow_pickle=False)
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
         return None  # absent or damaged: it is only a cache
+    if not isinstance(values, np.ndarray) or values.dtype != np.float64:
+        return None
     expected = (LOG_P_AXIS[2], LOG_Z_AXIS[2], ANGLE_AXIS[2], 3)
     return values if values.shape == expected and bool(np.isfinite(values).all()) else None
 
 
 def _write(path: Path, values: Array) -> None:
     """Atomically, so that two processes may build at once; a cache that cannot be written is done without."""
+    part = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".npy", delete=False) as part:
-            np.save(part, values)
-        os.replace(part.name, path)
+        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        with os.fdopen(handle, "wb") as stream:
+            np.save(stream, values)
+        os.replace(part, path)
     except OSError:
-        return
+        if part is not None:
+            Path(part).unlink(missing_ok=True)

@@ -103,7 +103,7 @@ class ModelDescription:
         physics = {
             "variant": self.variant,
             "friction_law": self.friction_law,
-            "dielectric": repr(self.dielectric),
+            "dielectric": _numbers_of(self.dielectric),
             "values": asdict(self.values),
         }
         return hashlib.sha256(json.dumps(physics, sort_keys=True).encode()).hexdigest()[:16]
@@ -189,7 +189,17 @@ def _check_keys(table: dict[str, Any], known: list[str], where: str) -> None:
             raise ModelError(f"{where}: unknown key '{key}'", nearest(key, known))
 
 
+def _numbers_of(dielectric: Dielectric) -> str:
+    """What the data set says, whatever it is called and wherever it comes from."""
+    return f"{type(dielectric).__name__} {[v for k, v in vars(dielectric).items() if k not in ('name', 'source')]}"
+
+
 def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ModelError(f"{where}: {value!r} is not a finite number", "Give a number in SI units")
-    return float(value)
+    try:
+        number = math.nan if isinstance(value, bool | str) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        shown = repr(value)[:40]
+        raise ModelError(f"{where}: {shown} is not a finite number", "Give a number in SI units")
+    return number

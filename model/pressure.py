@@ -19,7 +19,8 @@ from model.layers import Stack
 
 PRESSURE_NODES = 128  # per frequency of a surface; cubic between them
 TOLERANCE = 1e-10
-MAX_ITERATIONS = 100
+MAX_ITERATIONS = 200
+MOST_GROWTH = 1.15  # of the pressure per step while no equilibrium has been bracketed
 
 
 @dataclass(frozen=True)
@@ -80,41 +81,49 @@ def _gain(
 
 
 @kernel
-def _solve(
+def _solve(  # noqa: PLR0912 (one visible algorithm)
     values: Array, p_scale: float, h_scale: float, h: ComplexArray, k_gap: ComplexArray, leak: ComplexArray,
     mean_square: Array, load: Array, result: Array,
 ) -> None:  # fmt: skip
-    """Secant from the unattracted contact upwards, so that the lowest equilibrium is found; bracketed once passed."""
+    """Marching up from the unattracted contact in bounded steps, so that the lowest equilibrium is the one bracketed.
+
+    The share of the drive that each pressure needs must rise on the way; where it turns back, the contact pulls in.
+    """
     out = np.empty(3)
-    p_max = p_scale * np.exp(LOG_P_AXIS[1])
     for i in range(load.size):
-        p, previous, below, above = load[i], 0.0, load[i], p_max
-        excess_previous, solution = 0.0, np.nan
+        base = load[i]
+        p_min, p_max = p_scale * np.exp(LOG_P_AXIS[0]), p_scale * np.exp(LOG_P_AXIS[1])
+        p, previous, below, above = base, base, base, np.inf
+        excess_previous, share_previous, solution = 0.0, 0.0, np.nan
         for iteration in range(MAX_ITERATIONS):
+            if not p_min <= p <= p_max:
+                break  # outside every pressure of the table
             attraction = 0.0
             for c in range(mean_square.shape[1]):
                 if mean_square[i, c] > 0.0:
                     attraction += mean_square[i, c] * _gain(
                         values, p_scale, h_scale, h[i, c], k_gap[i, c], leak[i, c], p, out
                     )
-            excess = load[i] + attraction - p
+            excess = base + attraction - p
             if abs(excess) <= TOLERANCE * p:
-                solution = p - load[i] + excess
+                solution = attraction
                 break
             if excess > 0.0:
-                below = p
+                if above == np.inf and (p - base) < share_previous * attraction:
+                    break  # V(p_e) has turned back below this drive: pulled in
+                below, share_previous = p, (p - base) / attraction
             else:
                 above = p
             step = p + excess  # a fixed-point step from below never passes the lowest equilibrium
             if iteration > 0 and excess != excess_previous:
                 secant = p - excess * (p - previous) / (excess - excess_previous)
-                if below < secant < above and (above < p_max or secant > p):
+                if below < secant < above:
                     step = secant
-            previous, excess_previous = p, excess
-            if not below < step < above:
-                if above >= p_max:
-                    break  # past every pressure of the table: pulled in
+            if above == np.inf:
+                step = min(max(step, (1.0 + 1e-12) * p), MOST_GROWTH * p)
+            elif not below < step < above:
                 step = 0.5 * (below + above)
+            previous, excess_previous = p, excess
             p = step
         result[i] = solution
 
@@ -126,12 +135,17 @@ def _solve_grid(
 ) -> None:  # fmt: skip
     """Per frequency: ln(p_e/V^2) on pressure nodes, then V(p_e) = V inverted for every voltage and load."""
     out, log_gain = np.empty(3), np.empty(log_p.size)
+    p_min, p_max = p_scale * np.exp(LOG_P_AXIS[0]), p_scale * np.exp(LOG_P_AXIS[1])
     step = log_p[1] - log_p[0]
     for i in range(h.size):
         for j in range(log_p.size):
             gain = _gain(values, p_scale, h_scale, h[i], k_gap[i], leak[i], np.exp(log_p[j]), out)
             log_gain[j] = np.log(0.5 * gain)  # a sine of amplitude V has the mean square V^2/2
         for n in range(load.size):
+            if not p_min <= load[n] < p_max:
+                pull_in[i, n] = np.inf
+                result[i, :, n] = np.nan
+                continue
             limit = _monotone_limit(log_p, log_gain, load[n])
             highest = np.sqrt((limit - load[n]) / _gain_at(log_p[0], step, log_gain, limit)[0])
             pull_in[i, n] = highest if limit < np.exp(log_p[-1]) else np.inf

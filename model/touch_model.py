@@ -51,7 +51,7 @@ class Conditions:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Answers for n conditions, all arrays [n]; NaN where the contact pulls in.
+    """Answers for n conditions, all arrays [n]; NaN where the contact pulls in or lies outside the tabulated pressures.
 
     `within_theory` is False where p_e exceeds 10 p0 or the tabulated pressures, and where there is no equilibrium.
     """
@@ -108,11 +108,16 @@ class TouchModel:
         voltage, load_n = (np.asarray(v, dtype=np.float64) for v in (conditions.voltage_v, conditions.normal_force_n))
         wave = np.full(voltage.shape, "sine") if conditions.waveform is None else np.asarray(conditions.waveform)
         frequency = np.where(wave == "dc", 0.0, conditions.frequency_hz)
+        offset = (
+            np.zeros_like(voltage) if conditions.voltage_offset_v is None else np.asarray(conditions.voltage_offset_v)
+        )
+        voltage = np.where(wave == "dc", voltage + offset, voltage)  # two direct voltages are one
+        offset = np.where(wave == "dc", 0.0, offset)
         driven = self.stack(np.where(voltage == 0.0, 1.0, frequency))
         mean_square = voltage**2 * np.array([MEAN_SQUARE[name] for name in wave])
         components = [(driven, mean_square)]
-        if conditions.voltage_offset_v is not None:
-            components.append((self.stack(np.zeros_like(voltage)), np.asarray(conditions.voltage_offset_v) ** 2))
+        if offset.any():
+            components.append((self.stack(np.zeros_like(voltage)), offset**2))
 
         load_pa = load_n / p.contact_area_m2
         p_e = pressure.solve(self.table, self.scales, components, load_pa)

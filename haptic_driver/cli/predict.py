@@ -57,10 +57,12 @@ def _read(path: Path) -> tuple[list[str], Rows]:
             rows = [{**row, LINE: str(reader.line_num)} for row in reader]
             header = list(reader.fieldnames or [])
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise BadInputError("bad_table", f"{path}: cannot be read ({error})", WANTED) from error
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise BadInputError("bad_table", f"{path}: cannot be read: {reason}", WANTED) from error
     for column in REQUIRED:
         if column not in header:
-            raise BadInputError("missing_column", f"{path}: column {column} is missing", WANTED)
+            found = f"; found: {', '.join(header)}" if header else " (the file is empty)"
+            raise BadInputError("missing_column", f"{path}: column {column} is missing{found}", WANTED)
     for column in header:
         if header.count(column) > 1:
             raise BadInputError("bad_table", f"{path}: column {column} stands more than once", "Keep one of them")

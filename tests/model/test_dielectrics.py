@@ -158,14 +158,10 @@ class TestTable:
         with pytest.raises(ModelError, match="cannot be read"):
             read_csv(binary)
 
-    @pytest.mark.xfail(raises=AssertionError, strict=True, reason="blank lines are not counted")
     def test_line_number_counts_blank_lines(self, tmp_path) -> None:
         with pytest.raises(ModelError, match="line 4"):
             read_csv(self.write(tmp_path, HEADER + "\n1,10,1e-4\n2,ten,1e-4\n"))
 
-    @pytest.mark.xfail(
-        raises=ModelError, strict=True, reason="a byte order mark, as spreadsheets write it, hides the first column"
-    )
     def test_byte_order_mark_is_no_part_of_a_name(self, tmp_path) -> None:
         assert read_csv(self.write(tmp_path, "\ufeff" + HEADER + "1,10,1e-4\n2,11,1e-4\n")).eps_real == (10.0, 11.0)
 

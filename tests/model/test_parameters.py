@@ -139,7 +139,6 @@ def test_a_negative_standard_deviation_is_refused(write) -> None:
         read_model(write(with_parameter("cof_off", "{ value = 0.5, std = -0.1 }")))
 
 
-@pytest.mark.xfail(raises=OverflowError, strict=True, reason="an integer beyond the largest float is not caught")
 def test_an_endless_integer_is_refused(write) -> None:
     with pytest.raises(ModelError, match="cof_off"):
         read_model(write(with_parameter("cof_off", "1" + 400 * "0")))
@@ -254,7 +253,6 @@ class TestIdentity:
         ]
         assert len({m.content_hash for m in others}) == len(others)
 
-    @pytest.mark.xfail(raises=AssertionError, strict=True, reason="repr of the set holds the name of its file")
     def test_the_name_of_a_dielectric_table_does_not_count(self, model) -> None:
         one, other = (Tabulated(n, f"{n}.csv", (1.0, 2.0), (3.0, 4.0), (5.0, 6.0)) for n in ("a", "b"))
         assert replace(model, dielectric=one).content_hash == replace(model, dielectric=other).content_hash

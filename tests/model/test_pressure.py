@@ -195,11 +195,6 @@ class TestMadeUpContact:
         grid = self.grid(self.late, mean_square, p0)
         np.testing.assert_allclose(grid.electrostatic_pressure_pa[0, :, 0], expected, rtol=2e-3)  # table: 0.19 in log p
 
-    @pytest.mark.xfail(
-        raises=AssertionError,
-        strict=True,
-        reason="a secant step passes the lowest equilibrium where the gain is concave",
-    )
     def test_single_takes_the_lowest_of_a_curve_that_bends_down_first(self) -> None:
         p0 = 7.76993940380478e-3
         mean_square = np.array([5.579454e10, 7.0515832e10])
@@ -278,9 +273,6 @@ class TestPullIn:
         assert np.isfinite(surface.stuck_current_rms_a).all()
         assert not surface.within_theory[0, 1:, 0].any()
 
-    @pytest.mark.xfail(
-        raises=AssertionError, strict=True, reason="past the fold, single conditions may be given the upper branch"
-    )
     def test_single_conditions_are_pulled_in_too(self, folding, load_pa, curve) -> None:
         _, v = curve
         fold = v[np.flatnonzero(np.diff(v) < 0.0)[0]]
@@ -298,9 +290,6 @@ def test_a_pressure_beyond_the_table_has_no_answer(models) -> None:
     assert np.isnan(p_e[1:]).all()
 
 
-@pytest.mark.xfail(
-    raises=AssertionError, strict=True, reason="the grid answers for a load beyond the table's pressures"
-)
 def test_a_load_beyond_the_table_has_no_answer(models) -> None:
     model = models["reference"]
     load = np.array([11.0 * model.scales.pressure_pa])

@@ -176,9 +176,6 @@ class TestDrive:
         for name in ("electrostatic_force_n", "current_rms_a", "stuck_current_rms_a"):
             np.testing.assert_allclose(getattr(offset, name), getattr(dc, name), rtol=1e-9)  # closure of the loop
 
-    @pytest.mark.xfail(
-        raises=AssertionError, strict=True, reason="two direct voltages add as mean squares, not as voltages"
-    )
     def test_an_offset_on_direct_current_adds_to_its_voltage(self, models) -> None:
         parts = force(models["reference"], 0.0, 50.0, KEY_LOAD_N, offset_v=50.0, waveform="dc")
         whole = force(models["reference"], 0.0, 100.0, KEY_LOAD_N, waveform="dc")
@@ -262,9 +259,6 @@ class TestRangeOfTheTheory:
         assert np.isnan(got.current_rms_a[1])
         assert np.isfinite(got.stuck_current_rms_a).all()
 
-    @pytest.mark.xfail(
-        raises=AssertionError, strict=True, reason="below the table's pressures the gain of its edge is used"
-    )
     def test_loads_too_light_for_the_table_are_told(self, variant) -> None:
         """p/(Y* q0 h_rms) = 4e-8; the table begins at 1e-6."""
         got = variant(skin_modulus_pa=1e12).predict(conditions(250.0, 75.0, 0.005))
