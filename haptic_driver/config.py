@@ -31,7 +31,12 @@ class LimitsConfig(_Section):
     """What the rig allows at the electrode; see `OperatingLimits`."""
 
     voltage_v: Annotated[FiniteFloat, Field(gt=0.0, le=1000.0)]
-    frequency_hz: Annotated[list[Positive], Field(min_length=2, max_length=2)] = [1.0, 1e6]
+    frequency_hz: Annotated[
+        list[Annotated[FiniteFloat, Field(ge=1e-6, le=20e6)]], Field(min_length=2, max_length=2)
+    ] = [
+        1.0,
+        1e6,
+    ]
     contact_current_a_rms: Annotated[
         list[Annotated[list[Positive], Field(min_length=2, max_length=2)]], Field(min_length=1)
     ] = [list(point) for point in ICNIRP_PUBLIC_A_RMS]
@@ -187,6 +192,8 @@ def parse(schema: type[Parsed], content: dict[str, Any], where: str) -> Parsed:
         if first["type"] == "extra_forbidden":
             known = _fields_at(schema, keys[:-1])
             raise BadInputError("unknown_key", f"{where}: unknown key '{key}'", nearest(keys[-1], known)) from error
+        if first["type"] == "missing":
+            raise BadInputError("bad_config", f"{where}: {key} is missing", "Add it") from error
         said = first["msg"].removeprefix("Value error, ")
         given = "" if first["type"] in ("missing", "value_error") else f", not {first['input']!r}"
         raise BadInputError("bad_config", f"{where}: {key}: {said}{given}", "Correct this key") from error

@@ -42,8 +42,9 @@ def draw_slide(record: SlideRecord, title: str, path: Path) -> None:
     friction.set(ylabel="coefficient of friction")
     figure.suptitle(f"{title} (simulated rig)")
     voltage.set(ylabel="voltage at the electrode, V peak")
-    frequency.set(ylabel="carrier, Hz", xlabel="position, mm", yscale="log")
-    friction.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, frameon=False)
+    frequency.set(ylabel="carrier, Hz", xlabel="position, mm", yscale="log" if named else "linear")
+    if named:
+        friction.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, frameon=False)
     for axes in (friction, voltage, frequency):
         axes.grid(alpha=0.25)
     figure.savefig(path, dpi=130)

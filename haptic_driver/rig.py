@@ -16,6 +16,8 @@ from hw.force_sensor import ForceReading, ForceSensor
 from hw.transport.contract import Transport
 from hw.waveform_generator import Agilent33220A, GeneratorSettings
 
+MONITOR_QUIET_V = 5.0  # at the electrode; what a monitor may read without anything being on
+
 
 @dataclass(frozen=True)
 class OffEvidence:
@@ -27,7 +29,9 @@ class OffEvidence:
 
     @property
     def output_on(self) -> bool | None:
-        """False only with evidence: the generator says off, or the amplifier's enable line reads low."""
+        """False only with evidence: generator or enable line say off, and the monitor does not see a voltage."""
+        if self.monitor_v is not None and self.monitor_v > MONITOR_QUIET_V:
+            return True
         if self.generator_off or self.amplifier is AmplifierState.DISABLED:
             return False
         return None if self.generator_off is None else True

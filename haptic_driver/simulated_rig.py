@@ -54,16 +54,17 @@ class SimulatedRig:
     ) -> None:
         simulation = config.simulation
         law = friction or friction_of(with_hidden(model, simulation.hide))
-        self._generator = Simulated33220A(
-            GeneratorLatency(amplitude_s=simulation.amplitude_latency_s, frequency_s=simulation.frequency_latency_s)
-        )
-        core = self._generator if wrap is None else wrap(self._generator)
-        self._server = TcpServer(core)
         self.amplifier = SimulatedAmplifier(
             config.amplifier.gain_v_per_v,
             config.amplifier.voltage_limit_v,
             voltage_monitor_v_per_v=config.amplifier.voltage_monitor_v_per_v,
         )
+        self._generator = Simulated33220A(
+            GeneratorLatency(amplitude_s=simulation.amplitude_latency_s, frequency_s=simulation.frequency_latency_s),
+            listener=self.amplifier.drive,  # so that the monitor sees what the generator does between steps
+        )
+        core = self._generator if wrap is None else wrap(self._generator)
+        self._server = TcpServer(core)
         self.finger_gain = 1.0
         self.plant = FingerPlant(
             lambda f, v, n, speed: self.finger_gain * law(f, v, n, speed, self.plant.time_s),

@@ -29,6 +29,7 @@ SLIDING_M_S = 0.002  # below, a finger rests and kinetic friction is not defined
 AVERAGE_S = 0.010  # window over which force readings are averaged, centred
 WITHIN = 0.05  # of the target
 COLUMNS = ("time_s", "position_m", "normal_force_n")
+LARGEST = {"position_m": 10.0, "normal_force_n": 50.0}  # beyond, the unit must be wrong
 
 
 @dataclass(frozen=True)
@@ -114,20 +115,23 @@ def read_slide(path: Path) -> Slide:
     """A recorded slide: CSV with `time_s, position_m, normal_force_n`, rising in time; resampled to the tick."""
     wanted = f"Give a CSV with columns {', '.join(COLUMNS)}, time rising, at least 10 rows"
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
             missing = [c for c in COLUMNS if c not in (reader.fieldnames or [])]
             if missing:
                 raise BadInputError("bad_slide", f"{path}: column {missing[0]} is missing", wanted)
-            rows = [[_number(row[c], path, line, c) for c in COLUMNS] for line, row in enumerate(reader, start=2)]
-    except (OSError, UnicodeDecodeError) as error:
+            read = [(reader.line_num, [_number(row[c], path, reader.line_num, c) for c in COLUMNS]) for row in reader]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise BadInputError("bad_slide", f"{path}: cannot be read ({error})", wanted) from error
-    table = np.array(rows, dtype=np.float64).reshape(-1, len(COLUMNS))
+    table = np.array([values for _, values in read], dtype=np.float64).reshape(-1, len(COLUMNS))
     if len(table) < 10:
         raise BadInputError("bad_slide", f"{path}: has {len(table)} rows", wanted)
     backwards = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
     if backwards.size:
-        raise BadInputError("bad_slide", f"{path}, line {backwards[0] + 3}: time_s does not rise", wanted)
+        line = read[backwards[0] + 1][0]
+        raise BadInputError("bad_slide", f"{path}, line {line}: time_s does not rise", wanted)
+    if table[-1, 0] - table[0, 0] < 10 * TICK_S:
+        raise BadInputError("bad_slide", f"{path}: lasts less than {10 * TICK_S:g} s; is time_s in seconds?", wanted)
     if table[-1, 0] - table[0, 0] > 3600.0:
         raise BadInputError("bad_slide", f"{path}: lasts longer than an hour; is time_s in seconds?", wanted)
     time = np.arange(table[0, 0], table[-1, 0], TICK_S)
@@ -144,6 +148,9 @@ def _number(text: str | None, path: Path, line: int, column: str) -> float:
         raise BadInputError(
             "bad_slide", f"{path}, line {line}: {column} is {text!r}, not a number", "Correct that line"
         )
+    if abs(value) > LARGEST.get(column, np.inf):
+        where = f"{path}, line {line}: {column} = {value:g}"
+        raise BadInputError("bad_slide", f"{where} is out of range", f"Give at most {LARGEST[column]:g} in SI units")
     return value
 
 

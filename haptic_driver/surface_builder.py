@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
+from math import prod
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from haptic_driver.limits import OperatingLimits
 from haptic_driver.surface_file import Array, SurfaceFile
 from model.description import ModelDescription
 from model.touch_model import TouchModel
+
+MOST_POINTS = 20_000_000
 
 
 @dataclass(frozen=True)
@@ -38,9 +41,13 @@ class SurfaceAxes:
             raise BadInputError(
                 "bad_axes", "normal force axis is not rising within 0.001..50 N", "For example 0.1 to 2"
             )
-        counts = (self.frequency_count, self.voltage_count, self.normal_force_count)
-        if min(counts) < 4 or np.prod(counts) > 20_000_000:
-            raise BadInputError("bad_axes", f"{counts} points", "Give at least 4 points per axis and 2e7 in all")
+        counts = {name: value for name, value in vars(self).items() if name.endswith("_count")}
+        for name, count in counts.items():
+            if count < 4:
+                raise BadInputError("bad_axes", f"{name} = {count} is too few points", "Give at least 4 per axis")
+        if prod(counts.values()) > MOST_POINTS:
+            listed = " x ".join(f"{count} ({name})" for name, count in counts.items())
+            raise BadInputError("bad_axes", f"{listed} are too many points", f"Give at most {MOST_POINTS:g} in all")
 
     @property
     def frequency_hz(self) -> Array:

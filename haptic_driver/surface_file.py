@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tempfile
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -66,10 +66,9 @@ class SurfaceFile:
 
     def write(self, path: Path) -> None:
         """Write atomically: a reader sees the old file or the new one, never half of one."""
+        part = path.with_name(f"{path.name}.{os.getpid()}.part")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            handle, part = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-            os.close(handle)
             with h5py.File(part, "w") as file:
                 file.attrs["format"] = FORMAT
                 file.attrs["format_version"] = FORMAT_VERSION
@@ -82,11 +81,14 @@ class SurfaceFile:
             raise HapticError(
                 "surface_not_written", f"{path}: cannot be written ({error})", "Choose another --out"
             ) from error
+        finally:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
 
 
 def read_surface(path: Path) -> SurfaceFile:
     """Read and verify a surface file; BadInputError for a missing, damaged, foreign or newer one."""
-    rebuild = "Build a new one: haptic surface build --out " + path.name
+    rebuild = "Build a new one with: haptic surface build --out surface.h5"
     if not path.is_file():
         raise BadInputError("surface_not_found", f"{path}: there is no such surface file", rebuild)
     try:

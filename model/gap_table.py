@@ -112,7 +112,9 @@ def integrals_of(mass: Array, z_hat: NDArray[np.complex128]) -> tuple[Array, NDA
 def logarithms(k_hat: Array, l_hat: NDArray[np.complex128]) -> Array:
     """log K^, log |L^|, arg L^ along a last axis; a finite floor where the skin is pressed flat and no gap is left."""
     tiny = np.finfo(np.float64).tiny
-    return np.stack([np.log(np.maximum(k_hat, tiny)), np.log(np.maximum(np.abs(l_hat), tiny)), np.angle(l_hat)], axis=-1)
+    return np.stack(
+        [np.log(np.maximum(k_hat, tiny)), np.log(np.maximum(np.abs(l_hat), tiny)), np.angle(l_hat)], axis=-1
+    )
 
 
 def axis(spec: tuple[float, float, int]) -> Array:

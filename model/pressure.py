@@ -116,7 +116,7 @@ def _beyond_limit(mass: Array, u: Array, p_hat: float, z_hat: complex, amplitude
 
 
 @kernel
-def _solve(
+def _solve(  # noqa: PLR0912 (one visible algorithm)
     values: Array, mass: Array, u: Array, p_scale: Array, h_scale: Array, h: ComplexArray, k_gap: ComplexArray,
     bypass: ComplexArray, leak: ComplexArray, mean_square: Array, shift: Array, load: Array, added: Array,
     field_limit: Array, result: Array,

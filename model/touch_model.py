@@ -166,7 +166,7 @@ class TouchModel:
         )
 
     def _surface_point_by_point(self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array) -> SurfaceSolution:
-        """With effects, which may depend on voltage or load: each point by itself, at the reference speed and time 0."""
+        """With effects, which may depend on voltage or load: each point by itself, at reference speed and time 0."""
         f, v, n = np.meshgrid(frequency_hz, voltage_v, normal_force_n, indexing="ij")
         shape = f.shape
         found = self.predict(Conditions(f.ravel(), v.ravel(), n.ravel()))

@@ -60,6 +60,9 @@ def main(arguments: list[str]) -> int:
     except DeviceError as error:
         failure = HapticError(error.code, error.message, error.hint)
     except USAGE_ERROR as error:
+        if type(error).__name__ == "NoArgsIsHelpError":
+            error.show()
+            return BadInputError.exit_status
         context = getattr(error, "ctx", None)
         command = context.command_path if context is not None else "haptic"
         failure = BadInputError("usage", error.format_message(), f"See: {command} --help")

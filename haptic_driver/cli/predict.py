@@ -20,6 +20,7 @@ ADDED = ("electrostatic_force_n", "cof", "current_rms_a")
 WANTED = f"Give a CSV with columns {', '.join(REQUIRED)} (optional voltage_offset_v, waveform: sine, square, dc)"
 
 Rows = list[dict[str, str]]
+LINE = "\nline"  # where each row keeps its line in the file; no column can have this name
 
 
 def predict(
@@ -53,16 +54,21 @@ def _read(path: Path) -> tuple[list[str], Rows]:
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file, restkey="", restval="")
-            rows = list(reader)
+            rows = [{**row, LINE: str(reader.line_num)} for row in reader]
             header = list(reader.fieldnames or [])
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise BadInputError("bad_table", f"{path}: cannot be read ({error})", WANTED) from error
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise BadInputError("bad_table", f"{path}: cannot be read: {reason}", WANTED) from error
     for column in REQUIRED:
         if column not in header:
-            raise BadInputError("missing_column", f"{path}: column {column} is missing", WANTED)
-    for line, row in enumerate(rows, start=2):
+            found = f"; found: {', '.join(header)}" if header else " (the file is empty)"
+            raise BadInputError("missing_column", f"{path}: column {column} is missing{found}", WANTED)
+    for column in header:
+        if header.count(column) > 1:
+            raise BadInputError("bad_table", f"{path}: column {column} stands more than once", "Keep one of them")
+    for row in rows:
         if "" in row:
-            raise BadInputError("bad_table", f"{path}, line {line}: has more fields than the header", WANTED)
+            raise BadInputError("bad_table", f"{path}, line {row[LINE]}: has more fields than the header", WANTED)
     if not rows:
         raise BadInputError("bad_table", f"{path}: has no rows", WANTED)
     return header, rows
@@ -101,7 +107,7 @@ def _column(
         except ValueError:
             values[i] = np.nan
         if not np.isfinite(values[i]):
-            raise BadInputError("not_a_number", f"{path}, line {i + 2}: {name} is '{text}', not a number", WANTED)
+            raise BadInputError("not_a_number", f"{path}, line {row[LINE]}: {name} is '{text}', not a number", WANTED)
     return values
 
 

@@ -43,12 +43,15 @@ def solve(
     _check(friction, "friction", 1e-3, 10.0, "")
     low_n, high_n = float(file.normal_force_n[0]), float(file.normal_force_n[-1])
     _check(normal_force, "normal force", low_n, high_n, " N")
+    if chosen == "fixed_frequency" and fixed_hz is None and config.controller.fixed_frequency_hz is None:
+        raise BadInputError("bad_frequency", "policy fixed_frequency needs a frequency", "Give --frequency in Hz")
     settings = ControllerSettings(
         ready_for_lookup(file, limits),
         policy=chosen,
         fixed_frequency_hz=fixed_hz if fixed_hz is not None else config.controller.fixed_frequency_hz,
         lowest_carrier_hz=config.controller.lowest_carrier_hz,
         hysteresis=config.controller.hysteresis,
+        limits=limits,
     )
     controller = Controller(settings)
     reachable = controller.reachable(normal_force)

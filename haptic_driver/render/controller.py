@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.surface import (
     LOG_FREQUENCY,
     MERIT_AUTHORITY,
@@ -21,6 +22,7 @@ from haptic_driver.render.surface import (
     Surface,
     best_frequency,
     invert,
+    stuck_current_a_per_v,
 )
 from haptic_driver.signals import FingerState, OperatingPoint, TargetFriction
 
@@ -28,6 +30,7 @@ Policy = Literal["max_authority", "min_voltage", "min_current", "fixed_frequency
 POLICIES: tuple[Policy, ...] = get_args(Policy)
 MERITS = {"min_voltage": MERIT_VOLTAGE, "min_current": MERIT_CURRENT}
 CARRIER_BAND_HZ = 10e3
+CLEAR = 1e-9  # kept clear of a limit against rounding
 WORTH_COMPARING = {MERIT_AUTHORITY: 0.0, MERIT_VOLTAGE: 1.0, MERIT_CURRENT: 1e-6}  # below, costs are as good as equal
 
 
@@ -36,7 +39,7 @@ class ControllerSettings:
     """A surface and how to use it.
 
     `hysteresis`: how much better (relative) another frequency must be before the carrier moves there.
-    `fixed_frequency_hz` belongs to the policy `fixed_frequency`.
+    `fixed_frequency_hz` belongs to the policy `fixed_frequency`; between the surface's nodes `limits` hold exactly.
     """
 
     surface: Surface
@@ -44,6 +47,7 @@ class ControllerSettings:
     fixed_frequency_hz: float | None = None
     lowest_carrier_hz: float = 100.0
     hysteresis: float = 0.05
+    limits: OperatingLimits | None = None
 
     def __post_init__(self) -> None:
         """Refuse settings under which no frequency could be chosen."""
@@ -93,6 +97,7 @@ class Controller:
         self._band = settings.band
         self._merit = settings.merit
         self._fixed = settings.fixed_frequency_hz if settings.policy == "fixed_frequency" else None
+        self._caps = _caps(settings) if self._fixed is not None else (np.inf, np.inf)
 
     def step(
         self, state: ControllerState, target: TargetFriction, finger: FingerState
@@ -122,13 +127,13 @@ class Controller:
         if best is None:
             index = best_frequency(self.settings.surface, np.inf, normal_force_n, *self._band, MERIT_AUTHORITY)
             best = self._frequencies[index]
-        inverse = invert(self.settings.surface, np.inf, best, normal_force_n)
+        inverse = invert(self.settings.surface, np.inf, best, normal_force_n, *self._caps)
         return inverse.cof_low, inverse.cof_high
 
     def _choose(self, present_hz: float | None, cof: float, normal_force_n: float) -> tuple[float, Inverse]:
         surface = self.settings.surface
         if self._fixed is not None:
-            return self._fixed, invert(surface, cof, self._fixed, normal_force_n)
+            return self._fixed, invert(surface, cof, self._fixed, normal_force_n, *self._caps)
         index = best_frequency(surface, cof, normal_force_n, *self._band, self._merit)
         best_hz = self._frequencies[index]
         best = invert(surface, cof, best_hz, normal_force_n)
@@ -141,13 +146,23 @@ class Controller:
         if present.cof_high < cof <= best.cof_high:
             return True
         margin = 1.0 + self.settings.hysteresis
-        if self._merit == MERIT_AUTHORITY:
+        if self._merit == MERIT_AUTHORITY or present.cof_high < cof:
             return best.cof_high - best.cof_low > margin * (present.cof_high - present.cof_low)
         if self._merit == MERIT_VOLTAGE:
             old, new = present.voltage_v, best.voltage_v
         else:
             old, new = present.current_rms_a, best.current_rms_a
         return old > WORTH_COMPARING[self._merit] and old > margin * new
+
+
+def _caps(settings: ControllerSettings) -> tuple[float, float]:
+    """Largest voltage and sliding current that the limits allow at the fixed frequency."""
+    if settings.limits is None or settings.fixed_frequency_hz is None:
+        return np.inf, np.inf
+    f = settings.fixed_frequency_hz
+    voltage = settings.limits.highest_voltage_v(f, stuck_current_a_per_v(settings.surface, f))
+    current = settings.limits.contact_current_limit_a_rms(f)
+    return float(voltage) * (1.0 - CLEAR), float(current) * (1.0 - CLEAR)
 
 
 def _idle(state: ControllerState) -> OperatingPoint:

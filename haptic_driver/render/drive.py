@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite, nan
 from typing import NamedTuple
 
 from haptic_driver.signals import DriveCommand, SafeOperatingPoint
@@ -16,19 +17,20 @@ class DriveSettings:
 
 
 class DriveState(NamedTuple):
-    """The voltage last commanded and when."""
+    """The voltage last commanded and when; NaN before the first command."""
 
     time_s: float
     voltage_v: float
 
 
-INITIAL = DriveState(0.0, 0.0)
+INITIAL = DriveState(nan, 0.0)
 
 
 def drive(
     settings: DriveSettings, state: DriveState, point: SafeOperatingPoint, time_s: float
 ) -> tuple[DriveState, DriveCommand]:
     """The command for this instant; off for zero volts."""
-    elapsed_s = max(time_s - state.time_s, 0.0)
+    elapsed_s = max(time_s - state.time_s, 0.0) if isfinite(time_s - state.time_s) else 0.0
     voltage_v = min(point.voltage_v, state.voltage_v + settings.voltage_rise_v_per_s * elapsed_s)
-    return DriveState(time_s, voltage_v), DriveCommand(point.frequency_hz, voltage_v, voltage_v > 0.0)
+    now_s = time_s if isfinite(time_s) else state.time_s
+    return DriveState(now_s, voltage_v), DriveCommand(point.frequency_hz, voltage_v, voltage_v > 0.0)

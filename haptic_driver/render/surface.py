@@ -20,6 +20,7 @@ MERIT_AUTHORITY, MERIT_VOLTAGE, MERIT_CURRENT = 0, 1, 2
 
 
 ON_NODE = 1e-9  # of a cell
+MOST_CUTS = 30
 LOG_FREQUENCY, LOG_NORMAL_FORCE, VOLTAGE = 0, 1, 2  # rows of `Surface.axes`
 
 
@@ -72,9 +73,25 @@ def cof_scalar(surface: Surface, frequency_hz: float, voltage_v: float, normal_f
     return _cof_one(surface.axes, surface.cof, frequency_hz, voltage_v, normal_force_n)
 
 
-def invert(surface: Surface, target_cof: float, frequency_hz: float, normal_force_n: float) -> Inverse:
-    """The smallest voltage that gives `target_cof` at that frequency and load, clamped to what is reachable there."""
-    return Inverse(*_invert_one(*surface, target_cof, frequency_hz, normal_force_n))
+def invert(
+    surface: Surface,
+    target_cof: float,
+    frequency_hz: float,
+    normal_force_n: float,
+    voltage_cap_v: float = np.inf,
+    current_cap_a: float = np.inf,
+) -> Inverse:
+    """The smallest voltage that gives `target_cof` at that frequency and load, clamped to what is reachable there.
+
+    The limits of the surface hold at its nodes; the caps hold at a frequency between them.
+    """
+    return Inverse(*_invert_one(*surface, target_cof, frequency_hz, normal_force_n, voltage_cap_v, current_cap_a))
+
+
+def stuck_current_a_per_v(surface: Surface, frequency_hz: float) -> float:
+    """Worst-case finger current per volt, between nodes as `invert` gives it."""
+    i, a = _locate(surface.axes[LOG_FREQUENCY], np.log(frequency_hz))
+    return _stuck_per_volt(surface.stuck_current_a_per_v, i, a)
 
 
 def best_frequency(
@@ -98,11 +115,11 @@ def _cof_one(axes: Array, cof: Array, frequency_hz: float, voltage_v: float, nor
 @numba.njit(cache=True, nogil=True)
 def _invert_one(
     axes: Array, cof: Array, current: Array, stuck: Array, limit: Array,
-    target_cof: float, frequency_hz: float, normal_force_n: float,
+    target_cof: float, frequency_hz: float, normal_force_n: float, voltage_cap: float, current_cap: float,
 ) -> tuple[float, float, float, float, float, float]:  # fmt: skip
     i, a = _locate(axes[LOG_FREQUENCY], np.log(frequency_hz))
     j, b = _locate(axes[LOG_NORMAL_FORCE], np.log(normal_force_n))
-    return _invert(axes, cof, current, stuck, limit, target_cof, i, a, j, b)
+    return _invert(axes, cof, current, stuck, limit, target_cof, i, a, j, b, voltage_cap, current_cap)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -119,7 +136,9 @@ def _best_frequency(
         if high > most:
             best, most = i, high
         if merit != MERIT_AUTHORITY and high >= target_cof:
-            voltage, _, drawn, _, _, _ = _invert(axes, cof, current, stuck, limit, target_cof, i, 0.0, j, b)
+            voltage, _, drawn, _, _, _ = _invert(
+                axes, cof, current, stuck, limit, target_cof, i, 0.0, j, b, np.inf, np.inf
+            )
             cost = voltage if merit == MERIT_VOLTAGE else drawn
             if cost < least:
                 best_reaching, least = i, cost
@@ -130,10 +149,17 @@ def _best_frequency(
 def _invert(
     axes: Array, cof: Array, current: Array, stuck: Array, limit: Array,
     target_cof: float, i: int, a: float, j: int, b: float,
+    voltage_cap: float, current_cap: float,
 ) -> tuple[float, float, float, float, float, float]:  # fmt: skip
     """The fields of `Inverse`, by bisection over the voltage nodes of one frequency and load."""
-    highest_v = _voltage_limit(limit, i, a, j, b)
+    highest_v = min(_voltage_limit(limit, i, a, j, b), voltage_cap)
     last, c = _locate(axes[VOLTAGE], highest_v)
+    for _ in range(MOST_CUTS):
+        drawn = _trilinear(current, i, a, j, b, last, c)
+        if drawn <= current_cap:
+            break
+        highest_v *= (1.0 - ON_NODE) * current_cap / drawn  # current grows with voltage, a little faster than it
+        last, c = _locate(axes[VOLTAGE], highest_v)
     low = _trilinear(cof, i, a, j, b, 0, 0.0)
     high = _trilinear(cof, i, a, j, b, last, c)
     if target_cof <= low:
@@ -155,8 +181,12 @@ def _invert(
         voltage, reached = min(first_v + position * (last_v - first_v) / cells, highest_v), target_cof
     k, c = _locate(axes[VOLTAGE], voltage)
     drawn = _trilinear(current, i, a, j, b, k, c)
-    per_volt = (1.0 - a) * stuck[i] + a * stuck[i + 1] if a > 0.0 else stuck[i]
-    return voltage, reached, drawn, voltage * per_volt, low, high
+    return voltage, reached, drawn, voltage * _stuck_per_volt(stuck, i, a), low, high
+
+
+@numba.njit(cache=True, nogil=True)
+def _stuck_per_volt(stuck: Array, i: int, a: float) -> float:
+    return float((1.0 - a) * stuck[i] + a * stuck[i + 1] if a > 0.0 else stuck[i])
 
 
 @numba.njit(cache=True, nogil=True)

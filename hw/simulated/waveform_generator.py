@@ -117,7 +117,7 @@ class Simulated33220A:
         self,
         latency: GeneratorLatency | None = None,
         *,
-        listener: Callable[[TerminalOutput], None] | None = None,
+        listener: Callable[[TerminalOutput], object] | None = None,
     ) -> None:
         latency = latency or GeneratorLatency()
         self._latency_s = {

@@ -186,7 +186,7 @@ def _which(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
         [
             words(c["name"]),
             _probability(c["probability"]),
-            f"{c['log_evidence_gain']:+.1f}",
+            _signed(c["log_evidence_gain"]),
             f"{c['chi2_per_point']:.2f}",
             _values(c["parameters"]),
         ]
@@ -221,9 +221,9 @@ def _before_after(content: Mapping[str, Any]) -> str:
             p["name"],
             _plain(p["model"]),
             _measured(p["before"] | {"unit": "1"}),
-            _drift(p["before"]),
+            _signed(p["before"]["drift"]),
             _measured(p["after"] | {"unit": "1"}),
-            _drift(p["after"]),
+            _signed(p["after"]["drift"]),
             "" if p["unit"] == "1" else p["unit"],
         ]
         for p in content["parameters"]
@@ -246,8 +246,8 @@ def _before_after(content: Mapping[str, Any]) -> str:
     return _rows(head, rows) + note
 
 
-def _drift(p: Mapping[str, Any]) -> str:
-    return f"{round(p['drift'], 1) + 0.0:+.1f}"
+def _signed(value: float) -> str:
+    return f"{round(value, 1) + 0.0:+.1f}"
 
 
 def _proof(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
@@ -326,7 +326,7 @@ def _image(drawn: Mapping[str, bytes], name: str, alternative: str) -> str:
     png = drawn[name]
     width = round(int.from_bytes(png[16:20], "big") / PIXELS)  # from the header of every PNG file
     source = base64.b64encode(png).decode()
-    return f'<img alt="{escape(alternative)}" width="{width}" src="data:image/png;base64,{source}">'
+    return f'<img alt="{escape(alternative)}" style="width:{width}px" src="data:image/png;base64,{source}">'
 
 
 def _upper(text: str) -> str:

@@ -1,0 +1,126 @@
+"""`haptic demo`: the contract of its JSON, and what it says of a trace, a texture or a rig it cannot use."""
+
+import json
+from pathlib import Path
+
+import matplotlib.image
+import pytest
+
+from haptic_driver.slides import read_slide
+
+CONTRACT = {
+    "share_within_5_percent", "cof_error_rms", "contact_time_s", "reachable_share", "max_voltage_v",
+    "output_on_without_contact_s", "pictures",
+}  # fmt: skip
+OWN = Path(__file__).parents[3] / "configs"
+
+
+@pytest.fixture
+def demo(haptic, surface_path, tmp_path):
+    def run(*arguments):
+        done = haptic("demo", "--surface", surface_path, "--out", tmp_path / "out", "--json", *arguments)
+        assert done.out.count("\n") == 1
+        return done.status, json.loads(done.out)
+
+    return run
+
+
+def trace(tmp_path, force_n=0.5, duration_s=0.6, extra=()):
+    path = tmp_path / "trace.csv"
+    lines = [f"{0.01 * i:.2f},{4e-4 * i:.6f},{force_n}" for i in range(int(duration_s / 0.01))]
+    path.write_text("\n".join(["time_s,position_m,normal_force_n", *lines, *extra]) + "\n")
+    return path
+
+
+def test_the_main_job(demo):
+    status, said = demo()
+    assert status == 0
+    assert set(said) >= CONTRACT
+    assert said["share_within_5_percent"] >= 0.95
+    assert said["reachable_share"] == 1.0
+    assert said["output_on_without_contact_s"] == 0.0
+    assert 50.0 < said["max_voltage_v"] <= 150.0
+    assert 4.0 < said["contact_time_s"] < 6.4
+    assert 0.0 < said["cof_error_rms"] < 0.02
+    assert said["simulated"] is True
+    assert said["pictures"]
+    for picture in said["pictures"]:
+        assert matplotlib.image.imread(picture)[..., :3].std() > 0.01
+
+
+def test_a_trace_of_ones_own(demo, tmp_path):
+    path = trace(tmp_path)
+    status, said = demo("--trace", path, "--texture", "uniform")
+    assert status == 0
+    assert said["contact_time_s"] == pytest.approx(read_slide(path).time_s.size * 1e-3, abs=0.005)
+    assert said["share_within_5_percent"] > 0.8  # of 0.6 s, the first 50 ms rise to the target
+
+
+def test_no_contact_is_no_result_and_no_warning(haptic, surface_path, tmp_path):
+    done = haptic(
+        "demo", "--surface", surface_path, "--out", tmp_path / "out", "--json", "--trace", trace(tmp_path, 0.05)
+    )
+    assert done.status == 0
+    assert done.err == ""
+    said = json.loads(done.out)
+    assert said["share_within_5_percent"] is None
+    assert said["contact_time_s"] == 0.0
+    assert said["max_voltage_v"] == 0.0
+
+
+def test_for_a_person(haptic, surface_path, tmp_path):
+    done = haptic("demo", "--surface", surface_path, "--out", tmp_path / "out", "--trace", trace(tmp_path))
+    assert done.status == 0
+    assert done.err == ""
+    assert "on a simulated rig" in done.out
+    assert "within 5 % of target" in done.out
+    assert "refused by the safety gate 0" in done.out
+    assert "generator says off, amplifier disabled" in done.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["--texture", "gratin"], "unknown_texture", "grating"),
+        (["--rig", "simulatd"], "unknown_rig", "simulated"),
+        (["--model", "refrence"], "unknown_model", "reference"),
+        (["--trace", "none.csv"], "bad_slide", "CSV"),
+        (["--trace", str(OWN / "textures" / "linen.png")], "bad_slide", "CSV"),
+    ],
+)
+def test_what_it_cannot_use(demo, arguments, code, words):
+    status, said = demo(*arguments)
+    assert status == 2
+    assert said["error"]["code"] == code
+    assert words in said["error"]["hint"]
+
+
+def test_a_trace_with_a_mistake_names_the_line(demo, tmp_path):
+    status, said = demo("--trace", trace(tmp_path, extra=["0.60,half,0.5"]))
+    assert status == 2
+    assert "line 62" in said["error"]["message"]
+
+
+def test_a_force_that_the_model_cannot_take_is_about_the_trace(demo, tmp_path):
+    """3000 N on a fingertip: said of the trace, and not of a row of something that the user never wrote."""
+    path = trace(tmp_path, force_n=3000)
+    status, said = demo("--trace", path)
+    assert status == 2
+    assert str(path) in said["error"]["message"]
+
+
+def test_a_rig_that_is_not_simulated_is_refused(demo, tmp_path):
+    text = (OWN / "rigs" / "simulated.toml").read_text(encoding="utf-8")
+    text = text.replace("simulated = true", "simulated = false")
+    text = text.replace('resource = "simulated"', 'resource = "TCPIP::192.0.2.1::5025::SOCKET"')
+    (tmp_path / "real.toml").write_text(text, encoding="utf-8")
+    status, said = demo("--rig", str(tmp_path / "real.toml"))
+    assert status == 2
+    assert said["error"]["code"] == "not_simulated"
+
+
+def test_an_out_that_is_a_file(haptic, surface_path, tmp_path):
+    (tmp_path / "taken").write_text("")
+    done = haptic("demo", "--surface", surface_path, "--out", tmp_path / "taken", "--trace", trace(tmp_path), "--json")
+    assert done.status == 1
+    assert json.loads(done.out)["error"]["code"] == "not_written"

@@ -1,0 +1,148 @@
+"""What all commands share: exit status, messages, JSON and nothing else on stdout, help with an example."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPT = Path(sys.executable).with_name("haptic")
+COMMANDS = [["predict"], ["solve"], ["demo"], ["surface", "build"], ["surface", "info"], ["surface", "plot"]]
+
+
+def one_json_object(text):
+    """All of `text` as one JSON object; fails for anything before or after it."""
+    lines = text.splitlines()
+    assert len(lines) == 1
+    content = json.loads(lines[0], parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
+    assert isinstance(content, dict)
+    return content
+
+
+WRONG = [
+    (["solve"], "usage", "--friction"),
+    (["solve", "--friction"], "usage", "--friction"),
+    (["solve", "--friction", "much"], "usage", "--friction"),
+    (["solve", "--friction", "0.6", "--frequncy", "250"], "usage", "--frequency"),
+    (["slove", "--friction", "0.6"], "usage", "slove"),
+    (["surface", "bild"], "usage", "build"),
+    (["solve", "--friction", "nan"], "out_of_range", "friction nan"),
+    (["solve", "--friction", "0.6", "--policy", "min_volt"], "bad_policy", "min_volt"),
+    (["solve", "--friction", "0.6", "--model", "refrence"], "unknown_model", "refrence"),
+    (["solve", "--friction", "0.6", "--rig", "simulatd"], "unknown_rig", "simulatd"),
+    (["surface", "info", "none.h5"], "surface_not_found", "none.h5"),
+    (["predict", "--table", "none.csv", "--out", "out.csv"], "bad_table", "none.csv"),
+    (["demo", "--texture", "gratin"], "unknown_texture", "gratin"),
+]
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize(("arguments", "code", "words"), WRONG, ids=lambda x: " ".join(x) if isinstance(x, list) else x)
+def test_bad_input_is_status_2_and_a_message_with_a_hint_on_stderr(haptic, arguments, code, words):
+    done = haptic(*arguments)
+    assert done.status == 2
+    assert done.out == ""
+    first, *rest = done.err.splitlines()
+    assert first.startswith("error: ")
+    assert words in first
+    assert rest[0].startswith("hint: ")
+    assert "Traceback" not in done.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [wrong for wrong in WRONG if wrong[0][-1] != "--friction"],  # there --json would be taken for its value
+    ids=lambda x: " ".join(x) if isinstance(x, list) else x,
+)
+def test_bad_input_with_json_says_the_same_on_stdout(haptic, arguments, code, words):
+    done = haptic(*arguments, "--json")
+    assert done.status == 2
+    content = one_json_object(done.out)
+    assert set(content) == {"error"}
+    assert set(content["error"]) == {"code", "message", "hint"}
+    assert content["error"]["code"] == code
+    assert words in content["error"]["message"]
+    assert content["error"]["hint"]
+    assert f"error: {content['error']['message']}" in done.err
+
+
+def test_a_failure_is_status_1(haptic, surface_path, tmp_path):
+    done = haptic("surface", "plot", surface_path, "--out", tmp_path / "none" / "s.png", "--json")
+    assert done.status == 1
+    assert one_json_object(done.out)["error"]["code"] == "not_written"
+    assert done.err.startswith("error: ")
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, []], ids=" ".join)
+def test_help_is_status_0(haptic, command):
+    done = haptic(*command, "--help")
+    assert done.status == 0
+    assert "Usage: haptic" in done.out
+    assert done.err == ""
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_help_shows_an_example_line_of_that_command(haptic, command):
+    text = " ".join(haptic(*command, "--help").out.split())
+    assert re.search(rf"Example: haptic {' '.join(command)} \S", text)
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_every_command_knows_json(haptic, command):
+    assert "--json" in haptic(*command, "--help").out
+
+
+@pytest.mark.parametrize("group", [[], ["surface"]], ids=["haptic", "surface"])
+def test_without_a_command_help_is_shown_and_no_empty_error(haptic, group):
+    done = haptic(*group)
+    assert done.status == 2
+    assert "Usage: haptic" in done.out + done.err
+    assert "error: \n" not in done.err
+
+
+def test_version(haptic):
+    done = haptic("--version")
+    assert done.status == 0
+    assert re.fullmatch(r"haptic-driver \d+\.\d+\.\d+\S*\n", done.out)
+
+
+def test_a_message_with_brackets_is_shown_as_it_is(haptic):
+    assert "there is no policy '[bold]x'" in haptic("solve", "--friction", "0.6", "--policy", "[bold]x").err
+
+
+# --- the installed script --------------------------------------------------------------------------------------
+
+
+def script(*arguments):
+    return subprocess.run([SCRIPT, *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_the_script_prints_one_json_object(surface_path):
+    done = script("solve", "--friction", "0.60", "--surface", surface_path, "--json")
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert one_json_object(done.stdout)["cof"] == pytest.approx(0.6, abs=1e-6)
+
+
+def test_the_scripts_exit_status_and_streams_for_bad_input(surface_path):
+    done = script("solve", "--friction", "9", "--surface", surface_path, "--json")
+    assert done.returncode == 2
+    assert one_json_object(done.stdout)["error"]["code"] == "unreachable"
+    assert done.stderr.startswith("error: friction 9 cannot be reached")
+
+
+def test_a_pipe_sees_no_progress_bar_and_no_colours(surface_path, tmp_path):
+    slide = tmp_path / "slide.csv"
+    lines = [f"{0.01 * i},{4e-4 * i},0.5" for i in range(40)]
+    slide.write_text("\n".join(["time_s,position_m,normal_force_n", *lines]))
+    done = script("demo", "--trace", slide, "--surface", surface_path, "--out", tmp_path / "out")
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert "simulated" in done.stdout
+    assert not re.search(r"[\x1b\r]", done.stdout)

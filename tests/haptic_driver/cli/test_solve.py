@@ -1,0 +1,140 @@
+"""`haptic solve`: the contract of its JSON, what it finds, and how it refuses."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from haptic_driver.config import load_rig
+from model.touch_model import Conditions
+
+KEYS = {
+    "frequency_hz", "voltage_v", "cof", "electrostatic_force_n", "current_rms_a", "policy", "reachable_cof"
+}  # fmt: skip
+POLICIES = ["max_authority", "min_voltage", "min_current", "carrier"]
+
+
+@pytest.fixture
+def solve(haptic, surface_path):
+    def run(friction, *arguments):
+        done = haptic("solve", "--friction", friction, "--surface", surface_path, "--json", *arguments)
+        assert done.out.count("\n") == 1
+        return done.status, json.loads(done.out)
+
+    return run
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+@pytest.mark.parametrize("force", [0.2, 0.5, 1.0])
+def test_the_point_gives_the_target_by_the_model(solve, touch, policy, force):
+    status, found = solve(0.514, "--policy", policy, "--normal-force", force)
+    assert status == 0
+    assert set(found) == KEYS
+    assert found["policy"] == policy
+    answer = touch.predict(Conditions(*(np.array([x]) for x in (found["frequency_hz"], found["voltage_v"], force))))
+    assert answer.cof[0] == pytest.approx(0.514, rel=1e-3)  # the inversion's promise
+    assert found["cof"] == pytest.approx(0.514, abs=1e-6)
+    # linear between nodes 7 % apart in frequency
+    assert found["current_rms_a"] == pytest.approx(answer.current_rms_a[0], rel=1e-2)
+
+
+def test_the_force_is_what_the_friction_law_takes(solve):
+    """mu = mu_off (1 + F_e/F_n) with mu_off 0.512: 0.6 at 0.5 N takes 0.0859375 N."""
+    _, found = solve(0.60)
+    assert found["electrostatic_force_n"] == pytest.approx((0.60 / 0.512 - 1.0) * 0.5, rel=1e-9)
+
+
+def test_the_reachable_range_is_that_of_the_policy(solve, brute_force, grid):
+    _, found = solve(0.60)
+    low, high = found["reachable_cof"]
+    tried = brute_force(0.5, 0.6).cof_high[grid.frequency_hz >= 100.0].max()
+    assert (low, high) == (pytest.approx(0.512, abs=1e-9), pytest.approx(tried, abs=1e-9))
+
+
+@pytest.mark.parametrize("frequency", ["1", "250", "333.3", "1e3", "100000"])
+def test_a_given_frequency_is_kept(solve, frequency):
+    status, found = solve(0.5125, "--frequency", frequency)
+    assert status == 0
+    assert found["frequency_hz"] == float(frequency)
+    assert found["policy"] == "fixed_frequency"
+
+
+def test_the_rigs_policy_holds_when_none_is_given(solve):
+    assert solve(0.6)[1]["policy"] == load_rig("simulated").controller.policy
+
+
+@pytest.mark.parametrize("target", [0.3, 3.0])
+def test_out_of_reach_is_status_2_with_the_range_in_the_hint(solve, target):
+    _, reached = solve(0.60)
+    status, content = solve(target)
+    error = content["error"]
+    assert status == 2
+    assert error["code"] == "unreachable"
+    assert f"{target:g}" in error["message"]
+    low, high = map(float, re.findall(r"\d+\.\d+", error["hint"]))
+    assert (low, high) == pytest.approx(reached["reachable_cof"], rel=1e-3)  # four digits are shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "hint"),
+    [
+        (["--policy", "min_volage"], "bad_policy", "Did you mean 'min_voltage'?"),
+        (["--policy", "min_voltage", "--frequency", "250"], "bad_policy", "--frequency auto"),
+        (["--policy", "fixed_frequency"], "bad_frequency", "Hz"),
+        (["--frequency", "250Hz"], "bad_frequency", "'auto' or a number in Hz"),
+        (["--frequency", "nan"], "bad_frequency", "'auto' or a number in Hz"),
+        (["--frequency", "-250"], "bad_frequency", "'auto' or a number in Hz"),
+        (["--frequency", "0.5"], "bad_frequency", "1..1e+06 Hz"),
+        (["--frequency", "2e6"], "bad_frequency", "1..1e+06 Hz"),
+        (["--normal-force", "5"], "out_of_range", "0.1 to 2 N"),
+        (["--normal-force", "nan"], "out_of_range", "0.1 to 2 N"),
+        (["--normal-force", "0"], "out_of_range", "0.1 to 2 N"),
+        (["--rig", "simulatd"], "unknown_rig", "Did you mean 'simulated'?"),
+    ],
+)
+def test_wrong_arguments(solve, arguments, code, hint):
+    status, content = solve(0.6, *arguments)
+    assert status == 2
+    assert content["error"]["code"] == code
+    assert hint in content["error"]["hint"]
+
+
+def test_a_fixed_frequency_that_nobody_gave_is_asked_for(haptic, surface_path):
+    done = haptic("solve", "--friction", 0.6, "--surface", surface_path, "--policy", "fixed_frequency")
+    assert done.status == 2
+    assert "None" not in done.err
+    assert "--frequency" in done.err
+
+
+@pytest.mark.parametrize("friction", ["nan", "inf", "-0.6", "0", "11"])
+def test_friction_that_is_none(solve, friction):
+    status, content = solve(friction)
+    assert status == 2
+    assert content["error"]["code"] == "out_of_range"
+    assert friction in content["error"]["message"]
+
+
+@pytest.mark.parametrize(("content", "code"), [(b"time_s\n", "surface_corrupt"), (None, "surface_not_found")])
+def test_a_surface_that_cannot_be_used(haptic, tmp_path, content, code):
+    path = tmp_path / "s.h5"
+    if content is not None:
+        path.write_bytes(content)
+    done = haptic("solve", "--friction", 0.6, "--surface", path, "--json")
+    assert done.status == 2
+    assert json.loads(done.out)["error"]["code"] == code
+
+
+def test_without_a_surface_the_model_is_solved(haptic, touch):
+    done = haptic("solve", "--friction", 0.7, "--frequency", 137, "--json")
+    found = json.loads(done.out)
+    answer = touch.predict(Conditions(*(np.array([x]) for x in (137.0, found["voltage_v"], 0.5))))
+    assert answer.cof[0] == pytest.approx(0.7, rel=1e-3)
+
+
+def test_for_a_person(haptic, surface_path):
+    done = haptic("solve", "--friction", 0.6, "--surface", surface_path, "--frequency", 250)
+    assert done.status == 0
+    assert done.out.startswith("250 Hz, ")
+    assert "friction 0.6 under 0.5 N" in done.out
+    assert done.err == ""

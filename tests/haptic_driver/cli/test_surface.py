@@ -1,0 +1,107 @@
+"""`haptic surface build`, `info` and `plot`."""
+
+import json
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from haptic_driver.surface_file import read_surface
+
+DESCRIBED = {
+    "content_hash", "axes", "cof", "share_pulled_in", "share_outside_theory", "share_outside_limits", "model",
+    "model_hash", "gap_table_hash", "limits", "waveform", "program", "numpy", "scipy", "built_at", "friction_law",
+    "dielectric",
+}  # fmt: skip
+SMALL = ["--frequency-count", "6", "--voltage-count", "8", "--force-count", "4"]
+
+
+def test_build_writes_the_surface_it_describes(haptic, tmp_path, small_file):
+    out = tmp_path / "folder" / "s.h5"
+    done = haptic("surface", "build", "--out", out, *SMALL, "--json")
+    assert done.status == 0
+    assert done.err == ""
+    said = json.loads(done.out)
+    assert set(said) == DESCRIBED | {"out"}
+    assert said["out"] == str(out)
+    assert said["axes"] == {
+        "frequency_hz": {"low": 1.0, "high": 1e6, "count": 6},
+        "voltage_v": {"low": 0.0, "high": 150.0, "count": 8},
+        "normal_force_n": {"low": 0.1, "high": 2.0, "count": 4},
+    }
+    assert said["content_hash"] == small_file.content_hash == read_surface(out).content_hash
+    assert said["model"] == "reference"
+
+
+def test_build_by_another_model_and_highest_voltage(haptic, tmp_path):
+    done = haptic(
+        "surface", "build", "--out", tmp_path / "s.h5", *SMALL, "--model", "table1", "--voltage-high-v", 80, "--json"
+    )
+    assert json.loads(done.out)["model"] == "table1"
+    assert read_surface(tmp_path / "s.h5").voltage_v[-1] == 80.0
+
+
+def test_info_says_what_is_in_the_file(haptic, surface_path, surface_file):
+    done = haptic("surface", "info", surface_path, "--json")
+    said = json.loads(done.out)
+    assert done.out.count("\n") == 1
+    assert set(said) == DESCRIBED | {"file"}
+    assert said["cof"]["low"] == pytest.approx(0.512, abs=1e-12)
+    assert said["cof"]["high"] == pytest.approx(np.max(surface_file.cof))
+    assert said["share_outside_limits"] == pytest.approx(1.0 - np.mean(surface_file.within_limits))
+    assert said["share_pulled_in"] == said["share_outside_theory"] == 0.0
+    assert said["friction_law"] == "applied_load"
+    assert said["dielectric"] == "gabriel_dry"
+
+
+def test_info_for_a_person(haptic, surface_path, surface_file):
+    done = haptic("surface", "info", surface_path)
+    assert "200 x 128 x 5 points of model 'reference'" in done.out
+    assert surface_file.content_hash in done.out
+
+
+def test_plot_writes_a_picture(haptic, surface_path, tmp_path):
+    out = tmp_path / "s.png"
+    done = haptic("surface", "plot", surface_path, "--out", out, "--normal-force", 0.5, "--json")
+    assert done.status == 0
+    said = json.loads(done.out)
+    assert set(said) == {"picture", "normal_force_n"}
+    assert said["picture"] == str(out)
+    assert said["normal_force_n"] == pytest.approx(0.1 * 20.0**0.5)  # the nearest of the five levels
+    assert matplotlib.image.imread(out)[..., :3].std() > 0.05
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--voltage-count", "3"], "voltage"),
+        (["--frequency-count", "0"], "frequency"),
+        (["--force-count", "-1"], "force"),
+        (["--voltage-high-v", "-5"], "-5"),
+        (["--voltage-high-v", "nan"], "nan"),
+    ],
+)
+def test_axes_that_cannot_be_are_refused_by_name(haptic, tmp_path, arguments, words):
+    done = haptic("surface", "build", "--out", tmp_path / "s.h5", "--json", *arguments)
+    assert done.status == 2
+    error = json.loads(done.out)["error"]
+    assert error["code"] == "bad_axes"
+    assert words in error["message"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_damaged_file(haptic, surface_path, tmp_path):
+    content = bytearray(surface_path.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    (tmp_path / "s.h5").write_bytes(content)
+    for command in ("info", "plot"):
+        done = haptic("surface", command, tmp_path / "s.h5", "--json")
+        assert done.status == 2
+        assert json.loads(done.out)["error"]["code"] == "surface_corrupt"
+
+
+def test_an_out_that_cannot_be_written(haptic, tmp_path):
+    (tmp_path / "file").write_text("")
+    done = haptic("surface", "build", "--out", tmp_path / "file" / "s.h5", *SMALL, "--json")
+    assert done.status == 1
+    assert json.loads(done.out)["error"]["code"] == "surface_not_written"

@@ -1,0 +1,297 @@
+"""The controller: what each policy chooses, that it does not hop, and that all it wants passes the gate."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.limits import OperatingLimits
+from haptic_driver.render.controller import INITIAL, POLICIES, Controller, ControllerSettings, ControllerState
+from haptic_driver.render.safety import violation
+from haptic_driver.signals import FingerState, TargetFriction
+from haptic_driver.surface_file import ready_for_lookup
+from model.touch_model import Conditions
+
+CHOOSING = [policy for policy in POLICIES if policy != "fixed_frequency"]
+COF_OFF = 0.512
+ON_SURFACE = 1e-9  # node frequencies and friction go through a logarithm and back
+
+
+def finger(normal_force_n=0.5):
+    return FingerState(0.0, 0.0, 0.0, 0.0, 0.0, normal_force_n, True)
+
+
+def ask(controller, cof, normal_force_n=0.5, state=INITIAL):
+    return controller.step(state, TargetFriction(cof, True), finger(normal_force_n))
+
+
+def make(surface, policy="max_authority", **settings):
+    return Controller(ControllerSettings(surface, policy=policy, **settings))
+
+
+@pytest.fixture(scope="module")
+def controllers(surface):
+    return {policy: make(surface, policy) for policy in CHOOSING}
+
+
+# --- what each policy chooses ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("policy", "lowest_hz"), [("max_authority", 100.0), ("carrier", 10e3)])
+@pytest.mark.parametrize("force", [0.13, 0.5, 1.7])
+def test_most_authority_is_that_of_trying_all(controllers, brute_force, grid, policy, lowest_hz, force):
+    _, point = ask(controllers[policy], 0.513, force)
+    high = np.where(grid.frequency_hz >= lowest_hz, brute_force(force, 0.513).cof_high, 0.0)
+    assert point.frequency_hz == pytest.approx(grid.frequency_hz[high.argmax()], rel=ON_SURFACE)
+    assert point.cof_high == pytest.approx(high.max(), abs=ON_SURFACE)
+    assert point.reachable
+
+
+@pytest.mark.parametrize(("policy", "cost"), [("min_voltage", "voltage_v"), ("min_current", "current_rms_a")])
+@pytest.mark.parametrize("force", [0.13, 0.5, 1.7])
+@pytest.mark.parametrize("target", [0.52, 0.6, 0.8, 1.0])
+def test_least_volts_and_least_current_are_those_of_trying_all(
+    controllers, brute_force, grid, policy, cost, force, target
+):
+    _, point = ask(controllers[policy], target, force)
+    reach = brute_force(force, target)
+    tried = np.where(grid.frequency_hz >= 100.0, getattr(reach, cost), np.inf)
+    assert point.reachable
+    assert point.frequency_hz == pytest.approx(grid.frequency_hz[tried.argmin()], rel=ON_SURFACE)
+    assert getattr(point, cost) == pytest.approx(tried.min(), rel=ON_SURFACE)
+
+
+def test_policies_differ_where_they_should(controllers):
+    """Otherwise the comparisons above would hold for a controller that ignores its policy."""
+    chosen = {policy: ask(controllers[policy], 0.515)[1] for policy in CHOOSING}
+    assert len({round(p.frequency_hz) for p in chosen.values()}) == 4
+    assert chosen["min_voltage"].voltage_v < chosen["max_authority"].voltage_v
+    assert chosen["min_current"].current_rms_a < chosen["max_authority"].current_rms_a
+
+
+@pytest.mark.parametrize("frequency", [1.0, 3.7, 100.0, 137.0, 2500.0, 3333.3, 1e6])
+def test_fixed_frequency_is_exactly_the_one_asked_for(surface, touch, frequency):
+    controller = make(surface, "fixed_frequency", fixed_frequency_hz=frequency)
+    low, high = controller.reachable(0.5)
+    target = 0.5 * (low + high)
+    state, point = ask(controller, target)
+    assert point.frequency_hz == frequency
+    assert state == ControllerState(frequency)
+    assert point.reachable
+    answer = touch.predict(Conditions(*(np.array([x]) for x in (frequency, point.voltage_v, 0.5))))
+    assert answer.cof[0] == pytest.approx(target, rel=1e-3)  # the inversion's promise
+
+
+@given(cof=st.floats(0.01, 5.0), force=st.floats(1e-3, 20.0))
+def test_carrier_policy_stays_above_10_khz_and_the_others_above_their_lowest(surface, cof, force):
+    assert ask(make(surface, "carrier"), cof, force)[1].frequency_hz >= 10e3
+    for policy in ("max_authority", "min_voltage", "min_current"):
+        lowest = make(surface, policy, lowest_carrier_hz=300.0)
+        assert ask(lowest, cof, force)[1].frequency_hz >= 300.0 * (1.0 - ON_SURFACE)
+
+
+def test_the_bands_end_exactly_where_they_say(make_file):
+    """Each node below 10 kHz and below 100 Hz is better than all above it, and is not taken."""
+    frequency = 99.0 * (10_050.0 / 99.0) ** (np.arange(7) / 6.0)  # 99 Hz, 214 Hz ... 4657 Hz, 10050 Hz
+    rise = np.broadcast_to(np.linspace(2e-4, 1e-4, 7)[:, None], (7, 4))
+    file = make_file(frequency, np.geomspace(0.1, 2.0, 4), np.linspace(0.0, 100.0, 11), rise)
+    near = make_file(frequency * (9_900.0 / 10_050.0), file.normal_force_n, file.voltage_v, rise)
+    wide = OperatingLimits(1e3, 1.0, 1e6, contact_current_a_rms=((1.0, 1.0),))
+    surface = ready_for_lookup(file, wide)
+    assert ask(make(surface, "carrier"), 0.7)[1].frequency_hz == pytest.approx(10_050.0, rel=ON_SURFACE)
+    assert ask(make(surface), 0.7)[1].frequency_hz == pytest.approx(frequency[1], rel=ON_SURFACE)
+    with pytest.raises(BadInputError):
+        make(ready_for_lookup(near, wide), "carrier")  # its last node is 9.9 kHz
+
+
+@pytest.mark.parametrize("policy", CHOOSING)
+@pytest.mark.parametrize("force", [0.2, 0.5, 1.5])
+def test_reachable_is_what_the_policy_reaches(controllers, brute_force, grid, policy, force):
+    low, high = controllers[policy].reachable(force)
+    lowest_hz = 10e3 if policy == "carrier" else 100.0
+    tried = brute_force(force, 0.6).cof_high[grid.frequency_hz >= lowest_hz]
+    assert low == pytest.approx(COF_OFF, abs=ON_SURFACE)
+    assert high == pytest.approx(tried.max(), abs=ON_SURFACE)
+    inside, outside = ask(controllers[policy], high - 1e-6, force)[1], ask(controllers[policy], high + 1e-3, force)[1]
+    assert inside.reachable
+    assert not outside.reachable
+
+
+# --- targets out of reach, and none at all ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("policy", CHOOSING)
+@pytest.mark.parametrize("target", [3.0, math.inf])
+def test_too_much_friction_gives_the_most_there_is_flagged_with_the_range(
+    controllers, brute_force, grid, policy, target
+):
+    _, point = ask(controllers[policy], target)
+    lowest_hz = 10e3 if policy == "carrier" else 100.0
+    most = brute_force(0.5, 0.6).cof_high[grid.frequency_hz >= lowest_hz].max()
+    assert not point.reachable
+    assert point.cof == point.cof_high == pytest.approx(most, abs=ON_SURFACE)
+    assert point.cof_low == pytest.approx(COF_OFF, abs=ON_SURFACE)
+    assert point.voltage_v > 0.0
+
+
+@pytest.mark.parametrize("policy", CHOOSING)
+def test_too_little_friction_gives_zero_volts_flagged(controllers, policy):
+    _, point = ask(controllers[policy], 0.3)
+    assert not point.reachable
+    assert point.voltage_v == 0.0
+    assert point.cof == pytest.approx(COF_OFF, abs=ON_SURFACE)
+
+
+@pytest.mark.parametrize("policy", CHOOSING)
+@pytest.mark.parametrize("before", [0.514, 0.6, 0.9])
+def test_history_does_not_spoil_the_nearest_reachable_friction(controllers, policy, before):
+    """A target out of reach gives the nearest reachable friction, also when the frequency was chosen for another."""
+    controller = controllers[policy]
+    state, _ = ask(controller, before)
+    _, point = ask(controller, 3.0, state=state)
+    low, high = controller.reachable(0.5)
+    # hysteresis may keep a frequency with up to 5 % less authority
+    assert point.cof - low >= (high - low) / 1.05 - ON_SURFACE
+
+
+@pytest.mark.parametrize(
+    ("target", "force"),
+    [
+        (TargetFriction(math.nan, True), 0.5),
+        (TargetFriction(0.6, False), 0.5),
+        (TargetFriction(math.nan, False), 0.5),
+        (TargetFriction(0.0, True), 0.5),
+        (TargetFriction(-0.6, True), 0.5),
+        (TargetFriction(0.6, True), 0.0),
+        (TargetFriction(0.6, True), -1.0),
+        (TargetFriction(0.6, True), math.nan),
+    ],
+)
+@pytest.mark.parametrize("policy", CHOOSING)
+def test_nothing_asked_or_no_load_is_zero_volts(controllers, policy, target, force):
+    state, _ = ask(controllers[policy], 0.6)
+    after, point = controllers[policy].step(state, target, finger(force))
+    assert after == state
+    assert (point.voltage_v, point.current_rms_a, point.stuck_current_rms_a) == (0.0, 0.0, 0.0)
+    assert point.frequency_hz == state.frequency_hz
+
+
+# --- the frequency does not hop --------------------------------------------------------------------------------
+
+
+def count_changes(controller, targets, forces):
+    state, used = INITIAL, []
+    for cof, force in zip(targets.tolist(), forces.tolist(), strict=True):
+        state, point = ask(controller, cof, force, state)
+        used.append(point.frequency_hz)
+    return np.count_nonzero(np.diff(used))
+
+
+def test_a_varying_target_under_a_noisy_finger_does_not_hop(surface, rng):
+    targets = 0.8 - 0.25 * np.cos(np.linspace(0.0, 2.0 * np.pi, 1500))
+    forces = 0.5 + 0.05 * rng.standard_normal(1500)
+    assert count_changes(make(surface, "min_voltage", hysteresis=0.0), targets, forces) > 100  # it would
+    assert count_changes(make(surface, "min_voltage"), targets, forces) <= 2
+
+
+@pytest.fixture(scope="module")
+def rivals(make_file):
+    """Two frequencies of which each is a little better on one side of 0.45 N; the others are far worse."""
+    rise = np.full((6, 4), 1e-6)
+    rise[2], rise[4] = 1.00e-4, [1.03e-4, 1.01e-4, 0.99e-4, 0.97e-4]
+    file = make_file(np.geomspace(1e2, 1e4, 6), np.geomspace(0.1, 2.0, 4), np.linspace(0.0, 100.0, 11), rise)
+    wide = OperatingLimits(1e3, 1.0, 1e6, contact_current_a_rms=((1.0, 1.0),))
+    return ready_for_lookup(file, wide)
+
+
+@pytest.mark.parametrize("policy", ["max_authority", "min_voltage"])
+def test_equally_good_frequencies_do_not_take_turns(rivals, policy, rng):
+    targets = np.full(600, 0.7)
+    forces = np.clip(0.45 * np.exp(0.6 * rng.standard_normal(600)), 0.11, 1.9)
+    assert count_changes(make(rivals, policy, hysteresis=0.0), targets, forces) > 100
+    assert count_changes(make(rivals, policy, hysteresis=0.05), targets, forces) == 0
+
+
+@pytest.mark.parametrize("policy", ["max_authority", "min_voltage", "min_current"])
+def test_the_frequency_moves_when_only_another_reaches_the_target(controllers, policy):
+    stuck_at = ControllerState(1e3)
+    controller = controllers[policy]
+    state, point = ask(controller, 0.9, state=stuck_at)
+    assert point.reachable
+    assert point.cof == pytest.approx(0.9, abs=ON_SURFACE)
+    assert state.frequency_hz == point.frequency_hz < 500.0
+
+
+def test_the_frequency_moves_when_another_is_clearly_better(rivals):
+    controller = make(rivals, "max_authority", hysteresis=0.05)
+    state, _ = ask(controller, 0.7, state=ControllerState(100.0))
+    assert state.frequency_hz != 100.0
+
+
+# --- safety ----------------------------------------------------------------------------------------------------
+
+RIGS = {
+    "public limit": {},
+    "series resistance": {"series_resistance_ohm": 100e3},
+    "weak amplifier": {"amplifier_current_a": 2e-3, "panel_capacitance_f": 1e-9, "slew_v_per_s": 1e6},
+    "narrow": {"voltage_v": 37.0, "frequency_low_hz": 150.0, "frequency_high_hz": 20e3},
+}
+
+
+@pytest.fixture(scope="module")
+def rigs(surface_file):
+    plain = {"voltage_v": 150.0, "frequency_low_hz": 1.0, "frequency_high_hz": 1e6}
+    limits = {name: OperatingLimits(**(plain | changed)) for name, changed in RIGS.items()}
+    return {name: (limit, ready_for_lookup(surface_file, limit)) for name, limit in limits.items()}
+
+
+@given(
+    rig=st.sampled_from(list(RIGS)),
+    policy=st.sampled_from(CHOOSING),
+    cof=st.one_of(st.floats(0.01, 5.0), st.just(math.inf)),
+    force=st.floats(1e-6, 100.0),
+    present=st.one_of(st.none(), st.integers(0, 199)),
+)
+def test_every_point_passes_the_gate(rigs, surface_file, rig, policy, cof, force, present):
+    limits, ready = rigs[rig]
+    before = ControllerState(None if present is None else float(surface_file.frequency_hz[present]))
+    _, point = ask(make(ready, policy), cof, force, before)
+    assert violation(limits, point) is None
+
+
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("cof", [math.inf, 0.5145])
+def test_every_point_at_a_fixed_frequency_passes_the_gate(rigs, rig, cof):
+    """Also between the nodes, where limit curve and worst-case current are not those of either neighbour."""
+    limits, ready = rigs[rig]
+    refused = []
+    for frequency in [*np.geomspace(1.0, 1e6, 1500)[:-1].tolist(), 2.5e3, 100e3, 1e6]:
+        _, point = ask(make(ready, "fixed_frequency", fixed_frequency_hz=frequency, limits=limits), cof)
+        reason = violation(limits, point)
+        if reason is not None:
+            refused.append((frequency, point.voltage_v, reason))
+    assert not refused, f"{len(refused)} of 1502 refused; the first: {refused[0]}"
+
+
+# --- settings --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "code", "words"),
+    [
+        ({"policy": "best"}, "bad_policy", "max_authority"),
+        ({"policy": "fixed_frequency"}, "bad_frequency", "1..1e+06 Hz"),
+        ({"policy": "fixed_frequency", "fixed_frequency_hz": 0.5}, "bad_frequency", "1..1e+06 Hz"),
+        ({"policy": "fixed_frequency", "fixed_frequency_hz": 2e6}, "bad_frequency", "1..1e+06 Hz"),
+        ({"policy": "fixed_frequency", "fixed_frequency_hz": math.nan}, "bad_frequency", "1..1e+06 Hz"),
+        ({"lowest_carrier_hz": 1.1e6}, "bad_frequency", "surface"),
+    ],
+)
+def test_settings_without_a_frequency_to_use_are_refused(surface, settings, code, words):
+    with pytest.raises(BadInputError) as refused:
+        ControllerSettings(surface, **settings)
+    assert refused.value.code == code
+    assert words in refused.value.hint

@@ -1,0 +1,228 @@
+"""Configuration: what is wrong with it is said by file, key and nearest valid choice."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.config import RigConfig, config_dirs, load_model, load_rig, parse, texture_dirs
+from haptic_driver.errors import BadInputError
+from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS
+
+OWN = Path(__file__).parents[2] / "configs"
+RIG = (OWN / "rigs" / "simulated.toml").read_text(encoding="utf-8")
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(monkeypatch, tmp_path):
+    """No `configs` folder beside the tests, and none named in the environment."""
+    monkeypatch.delenv("HAPTIC_CONFIGS", raising=False)
+    monkeypatch.chdir(tmp_path)
+
+
+def refused(load, *arguments):
+    with pytest.raises(BadInputError) as error:
+        load(*arguments)
+    assert error.value.exit_status == 2
+    return error.value
+
+
+def rig_file(tmp_path, old="", new="", content=RIG):
+    assert old in content
+    path = tmp_path / "bench.toml"
+    path.write_text(content.replace(old, new, 1), encoding="utf-8")
+    return str(path)
+
+
+# --- what is read ----------------------------------------------------------------------------------------------
+
+
+def test_the_shipped_rig_becomes_operating_limits():
+    config = load_rig("simulated")
+    limits = config.operating_limits()
+    assert config.simulated
+    assert (limits.voltage_v, limits.frequency_low_hz, limits.frequency_high_hz) == (150.0, 1.0, 1e6)
+    assert limits.contact_current_a_rms == ICNIRP_PUBLIC_A_RMS
+    assert limits.slew_v_per_s == 370e6
+    assert limits.amplifier_current_a == 0.1
+    assert limits.panel_capacitance_f == 1e-9
+    assert limits.series_resistance_ohm == 0.0
+
+
+@pytest.mark.parametrize("path", sorted((OWN / "rigs").glob("*.toml")), ids=lambda p: p.stem)
+def test_every_shipped_rig_is_valid(path):
+    assert load_rig(str(path)).name
+
+
+@pytest.mark.parametrize("path", sorted((OWN / "models").glob("*.toml")), ids=lambda p: p.stem)
+def test_every_shipped_model_is_valid(path):
+    assert load_model(str(path)).name == path.stem
+
+
+def test_whole_numbers_may_stand_for_floats(tmp_path):
+    assert load_rig(rig_file(tmp_path, "voltage_v = 150.0", "voltage_v = 120")).limits.voltage_v == 120.0
+
+
+# --- what is wrong ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "offered"),
+    [
+        ("series_resistance_ohm =", "serie_resistance_ohm =", "limits.serie_resistance_ohm", "series_resistance_ohm"),
+        ("current_limit_a = 0.1", "current_limit_a = 0.1\ncurent_limit_a = 1.0", "amplifier.curent_limit_a", "current"),
+        ("[controller]", "[controler]", "controler", "controller"),
+        ("seed = 1", "sed = 1", "simulation.sed", "seed"),
+        ("latency_s = 0.035", "latencys = 0.035", "output.latencys", "latency_s"),
+    ],
+)
+def test_an_unknown_key_is_named_with_the_nearest(tmp_path, old, new, key, offered):
+    path = rig_file(tmp_path, old, new)
+    error = refused(load_rig, path)
+    assert error.code == "unknown_key"
+    assert f"{path}: unknown key '{key}'" in error.message
+    assert error.hint.startswith(f"Did you mean '{offered}")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("voltage_v = 150.0", "voltage_v = -1.0", "limits.voltage_v"),
+        ("voltage_v = 150.0", "voltage_v = 1500.0", "limits.voltage_v"),
+        ("voltage_v = 150.0", "voltage_v = nan", "limits.voltage_v"),
+        ("voltage_v = 150.0", "voltage_v = inf", "limits.voltage_v"),
+        ("voltage_v = 150.0", 'voltage_v = "150"', "limits.voltage_v"),
+        ("voltage_v = 150.0", "voltage_v = true", "limits.voltage_v"),
+        ("voltage_v = 150.0", "", "limits.voltage_v"),
+        ("frequency_hz = [1.0, 1e6]", "frequency_hz = [1.0]", "limits.frequency_hz"),
+        ("frequency_hz = [1.0, 1e6]", "frequency_hz = 1.0", "limits.frequency_hz"),
+        ("frequency_hz = [1.0, 1e6]", "frequency_hz = [1e6, 1.0]", "[lowest, highest]"),
+        ("[2.5e3, 0.5e-3]", "[0.5, 0.5e-3]", "contact_current_a_rms must rise"),
+        ("[2.5e3, 0.5e-3]", "[2.5e3, 0.0]", "limits.contact_current_a_rms"),
+        ("series_resistance_ohm = 0.0", "series_resistance_ohm = -1.0", "limits.series_resistance_ohm"),
+        ("setpoint_interval_s = 0.010", "setpoint_interval_s = 0.0", "output.setpoint_interval_s"),
+        ('policy = "max_authority"', 'policy = "fastest"', "controller.policy"),
+        ("hysteresis = 0.05", "hysteresis = 1.5", "controller.hysteresis"),
+        ("gain_v_per_v = 100.0", "gain_v_per_v = 0.0", "amplifier.gain_v_per_v"),
+        ("seed = 1", "seed = 1.5", "simulation.seed"),
+        ("simulated = true", 'simulated = "yes"', "simulated"),
+        ('resource = "simulated"', 'resource = "GPIB0::10::INSTR"', "waveform_generator.resource"),
+    ],
+)
+def test_a_wrong_value_is_named(tmp_path, old, new, words):
+    path = rig_file(tmp_path, old, new)
+    error = refused(load_rig, path)
+    assert error.code == "bad_config"
+    assert path in error.message
+    assert words in error.message
+    assert error.hint
+
+
+@pytest.mark.parametrize("band", ["[1.0, 1e8]", "[1e-9, 1e6]"])
+def test_a_band_beyond_the_generators_is_refused(tmp_path, band):
+    """The 33220A makes sines of 1 uHz to 20 MHz; without this the driver fails with a traceback."""
+    error = refused(load_rig, rig_file(tmp_path, "[1.0, 1e6]", band))
+    assert error.code == "bad_config"
+    assert "frequency" in error.message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("voltage_v = 150.0", "voltage_v = 800.0", ("limits.voltage_v 800", "amplifier.voltage_limit_v 700")),
+        ("simulated = true", "simulated = false", ("simulated", "waveform_generator.resource")),
+        ('resource = "simulated"', 'resource = "TCPIP::10.0.0.5::5025::SOCKET"', ("simulated", "resource")),
+        ("contact_on_n = 0.15", "contact_on_n = 0.05", ("finger.contact_off_n", "finger.contact_on_n")),
+    ],
+)
+def test_two_values_that_contradict_are_both_named(tmp_path, old, new, words):
+    error = refused(load_rig, rig_file(tmp_path, old, new))
+    assert error.code == "bad_config"
+    assert all(word in error.message for word in words)
+
+
+def test_the_value_given_is_shown(tmp_path):
+    assert "not -1.0" in refused(load_rig, rig_file(tmp_path, "voltage_v = 150.0", "voltage_v = -1.0")).message
+
+
+def test_bad_toml_says_where(tmp_path):
+    path = rig_file(tmp_path, "", "", content='name = "x"\nsimulated = \n')
+    error = refused(load_rig, path)
+    assert error.code == "bad_toml"
+    assert path in error.message
+    assert "line 2" in error.message
+
+
+def test_a_file_of_bytes_is_refused(tmp_path):
+    (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\x00")
+    assert refused(load_rig, str(tmp_path / "bytes.toml")).code == "file_unreadable"
+
+
+@pytest.mark.parametrize("load", [load_rig, load_model])
+def test_a_missing_file_says_which_names_there_are(tmp_path, load):
+    error = refused(load, str(tmp_path / "none.toml"))
+    assert error.code == "file_not_found"
+    assert "none.toml" in error.message
+    assert ("simulated" if load is load_rig else "reference") in error.hint
+
+
+@pytest.mark.parametrize(
+    ("load", "name", "code", "nearest"),
+    [
+        (load_rig, "simulatd", "unknown_rig", "simulated"),
+        (load_model, "refrence", "unknown_model", "reference"),
+        (load_model, "tabel1", "unknown_model", "table1"),
+    ],
+)
+def test_an_unknown_name_offers_the_nearest(load, name, code, nearest):
+    error = refused(load, name)
+    assert error.code == code
+    assert f"'{name}'" in error.message
+    assert f"Did you mean '{nearest}'" in error.hint
+
+
+def test_a_mistake_in_a_model_file_is_bad_input(tmp_path):
+    text = (OWN / "models" / "reference.toml").read_text(encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(text.replace("hurst_exponent ", "hurst_exponnt "), encoding="utf-8")
+    error = refused(load_model, str(tmp_path / "mine.toml"))
+    assert error.code == "bad_model"
+    assert "hurst_exponnt" in error.message
+    assert "Did you mean 'hurst_exponent'" in error.hint
+
+
+def test_a_section_that_is_no_section_is_refused():
+    content = tomllib.loads(RIG) | {"limits": 150.0}
+    error = refused(parse, RigConfig, content, "here")
+    assert error.code == "bad_config"
+    assert error.message.startswith("here: limits:")
+
+
+# --- where it is found -----------------------------------------------------------------------------------------
+
+
+def put(folder, name):
+    path = folder / "rigs" / "bench.toml"
+    path.parent.mkdir(parents=True)
+    path.write_text(RIG.replace('name = "simulated"', f'name = "{name}"'), encoding="utf-8")
+
+
+def test_the_named_folder_comes_before_the_local_one_and_the_programs_own(monkeypatch, tmp_path):
+    put(tmp_path / "configs", "local")
+    put(tmp_path / "elsewhere", "named")
+    assert load_rig("bench").name == "local"
+    monkeypatch.setenv("HAPTIC_CONFIGS", str(tmp_path / "elsewhere"))
+    assert load_rig("bench").name == "named"
+    assert load_rig("simulated").name == "simulated"  # still found where it was
+    assert config_dirs() == [tmp_path / "elsewhere", Path("configs"), OWN]
+    assert texture_dirs() == [folder / "textures" for folder in config_dirs()]
+
+
+def test_a_named_folder_that_is_not_there_is_passed_over(monkeypatch, tmp_path):
+    monkeypatch.setenv("HAPTIC_CONFIGS", str(tmp_path / "none"))
+    assert load_rig("simulated").simulated
+
+
+def test_names_of_all_folders_are_offered(tmp_path):
+    put(tmp_path / "configs", "local")
+    assert "bench" in refused(load_rig, "bensch").hint
+    assert "simulated" in refused(load_rig, "bensch").hint

@@ -1,0 +1,186 @@
+"""What the tests of the physics share: reference values, the shipped models, and the theory as printed, done slowly."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import erf, erfc
+
+from model.gap_table import gap_table
+from model.parameters import ModelDescription, read_model
+from model.touch_model import TouchModel
+
+MODELS = Path(__file__).parents[2] / "configs" / "models"
+REFERENCE = Path(__file__).parent / "reference.json"
+
+
+@pytest.fixture(scope="session")
+def reference() -> dict[str, Any]:
+    """Values of an independent implementation, good to 0.05 %; columns as arrays."""
+    content: dict[str, Any] = _columns(json.loads(REFERENCE.read_text(encoding="utf-8")))
+    return content
+
+
+def _columns(node: Any) -> Any:
+    if isinstance(node, dict):
+        return {name: _columns(below) for name, below in node.items()}
+    return np.array(node) if isinstance(node, list) else node
+
+
+@pytest.fixture(scope="session")
+def fresh_tables(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[TouchModel], TouchModel]]:
+    """Gives a model its gap table from a folder of this session: no test ever reads a table of an earlier source."""
+    folder = tmp_path_factory.mktemp("gap-tables")
+    gap_table.cache_clear()
+
+    def ready(model: TouchModel) -> TouchModel:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("HAPTIC_CACHE_DIR", str(folder))
+            assert model.table.values.size > 0
+        return model
+
+    yield ready
+    gap_table.cache_clear()
+
+
+@pytest.fixture(scope="session")
+def models(fresh_tables: Callable[[TouchModel], TouchModel]) -> dict[str, TouchModel]:
+    """The two shipped models by name."""
+    return {name: fresh_tables(TouchModel(read_model(MODELS / f"{name}.toml"))) for name in ("reference", "table1")}
+
+
+@pytest.fixture(scope="session")
+def variant(
+    fresh_tables: Callable[[TouchModel], TouchModel], models: dict[str, TouchModel]
+) -> Callable[..., TouchModel]:
+    """The reference model with other numbers, or another dielectric set or friction law."""
+
+    def make(base: str = "reference", **changes: Any) -> TouchModel:
+        description: ModelDescription = models[base].description
+        own = {k: changes.pop(k) for k in ("dielectric", "friction_law") if k in changes}
+        parameters = dict(description.parameters)
+        for name, value in changes.items():
+            parameters[name] = replace(parameters[name], value=value)
+        return fresh_tables(TouchModel(replace(description, parameters=parameters, **own)))
+
+    return make
+
+
+@dataclass(frozen=True)
+class PrintedTheory:
+    """Equations (41)-(49) in SI units, every integral by brute quadrature and every derivative by differences.
+
+    Nothing here is shared with the source: no closed form of a moment, no scaling, other variables and other rules.
+    """
+
+    H: float
+    h_rms: float
+    q0: float
+    q1: float
+    gamma: float
+    Y: float
+
+    def spectrum(self, q: NDArray) -> NDArray:
+        return self.H / np.pi * self.h_rms**2 / self.q0**2 * (q / self.q0) ** (-2.0 * (1.0 + self.H))  # (41)
+
+    def moment(self, power: int, low: NDArray, log_width: NDArray, nodes: int = 48) -> NDArray:
+        """int q^power C(q) dq from `low` over a given width in log q: exact also for widths of 1e-14."""
+        x, w = np.polynomial.legendre.leggauss(nodes)
+        q = low[..., None] * np.exp(0.5 * log_width[..., None] * (x + 1.0))
+        return 0.5 * log_width * ((q ** (power + 1) * self.spectrum(q)) @ w)
+
+    def stress_ratio(self, p: float, tau: NDArray) -> NDArray:
+        """p/(2 sqrt G) of (42)-(43) at zeta = 1 + e^tau."""
+        log_zeta = np.log1p(np.exp(tau))
+        G = 0.25 * np.pi * self.Y**2 * self.moment(3, np.full_like(tau, self.q0), log_zeta)
+        return p / (2.0 * np.sqrt(G))
+
+    def mean_separation(self, p_zeta: NDArray, tau: NDArray) -> NDArray:
+        """(45) with (46), (47) at zeta = 1 + e^tau and the pressure p A0/A(zeta)."""
+        low = self.q0 * (1.0 + np.exp(tau))
+        width = np.log(self.q1 / low)
+        # below this width w p'/Y* > 20 at the least p', where the inner integral is 0 in double precision
+        least = (p_zeta / (20.0 * self.Y)) ** 2 / (np.pi * low**4 * self.spectrum(low))
+        least = np.minimum(least, 0.5 * width)
+        x, gauss = np.polynomial.legendre.leggauss(80)
+        span = np.log(width / least)
+        y = least[:, None] * np.exp(0.5 * span[:, None] * (x + 1.0))
+        q = low[:, None] * np.exp(y)
+        w = (np.pi * self.moment(3, np.broadcast_to(low[:, None], y.shape), y)) ** -0.5
+        inner = self._inner(w * p_zeta[:, None] / self.Y)
+        outer = y * q**3 * self.spectrum(q) * w * inner  # dq = q y d(log y)
+        return np.sqrt(np.pi) * 0.5 * span * (outer @ gauss)
+
+    def _inner(self, x0: NDArray) -> NDArray:
+        x, gauss = np.polynomial.legendre.leggauss(80)
+        span = np.maximum(np.log(7.0 / x0), 0.0)  # exp(-49) = 5e-22: nothing beyond 7
+        at = x0[..., None] * np.exp(0.5 * span[..., None] * (x + 1.0))
+        return 0.5 * span * (((self.gamma + 3.0 * (1.0 - self.gamma) * erf(at) ** 2) * np.exp(-(at**2))) @ gauss)
+
+    def at_zeta_one(self, p: float) -> float:
+        return float(self.mean_separation(np.array([p]), np.array([-60.0]))[0])  # zeta - 1 = 1e-26: 1 in doubles
+
+    def gap_integrals(self, p: float, z: complex) -> tuple[float, complex, float]:
+        """int P/|u+z|^2 du, int P/(u+z) du and int P du of (48)."""
+        low, high = np.log(1e-13), np.log(self.q1 / self.q0 - 1.0)
+        x, gauss = np.polynomial.legendre.leggauss(8)
+        edges = np.linspace(low, high, 61)
+        half = 0.5 * np.diff(edges)[:, None]
+        tau, dtau = (edges[:-1, None] + half * (x + 1.0)).ravel(), (half * gauss).ravel()
+        leaving = self.stress_ratio(p, tau) < 5.0  # erfc(5) = 1.5e-12 of the area is left out
+        tau, dtau = tau[leaving], dtau[leaving]
+        step = 1e-3  # central differences: step^2/6 = 2e-7 of a derivative
+        after, before = tau + step, tau - step
+        area = erf(self.stress_ratio(p, tau))
+        lost = (erfc(self.stress_ratio(p, after)) - erfc(self.stress_ratio(p, before))) / (2.0 * step)  # -A'
+        u = [self.mean_separation(p / erf(self.stress_ratio(p, t)), t) for t in (before, tau, after)]
+        u1 = u[1] + (u[2] - u[0]) / (2.0 * step) * area / -lost  # (44)
+        zeta = 1.0 + np.exp(tau)
+        spread = np.sqrt(2.0 * np.pi * self.moment(1, self.q0 * zeta, np.log(self.q1 / (self.q0 * zeta))))  # (49)
+        K, L, mass = 0.0, 0j, 0.0
+        for share, centre, s in zip(lost * dtau, u1, spread, strict=True):
+            gap, du = self._panels(abs(centre), s, abs(z))
+            folded = np.exp(-0.5 * ((gap - centre) / s) ** 2) + np.exp(-0.5 * ((gap + centre) / s) ** 2)
+            P = share * folded / np.sqrt(2.0 * np.pi) / s * du
+            K, L, mass = K + np.sum(P / abs(gap + z) ** 2), L + np.sum(P / (gap + z)), mass + np.sum(P)
+        return K, L, mass
+
+    @staticmethod
+    def _panels(centre: float, s: float, z: float) -> tuple[NDArray, NDArray]:
+        """Nodes and weights over nine widths of a normal, refined towards u = 0 where the integrand peaks."""
+        low, high = max(centre - 9.0 * s, 0.0), centre + 9.0 * s
+        if low > 0.0:
+            edges = np.linspace(low, high, 10)
+        else:
+            first = min(0.1 * z, 0.1 * s)
+            edges = np.concatenate([[0.0], np.geomspace(first, high, 2 + int(np.log2(high / first)))])
+        x, gauss = np.polynomial.legendre.leggauss(40)
+        half = 0.5 * np.diff(edges)[:, None]
+        return (edges[:-1, None] + half * (x + 1.0)).ravel(), (half * gauss).ravel()
+
+
+@pytest.fixture(scope="session")
+def printed_theory() -> Callable[[TouchModel], PrintedTheory]:
+    """The slow theory of a model's finger; Y* of (38) from its moduli."""
+
+    def of(model: TouchModel) -> PrintedTheory:
+        v = model.description.values
+        compliance = (1.0 - v.screen_poisson_ratio**2) / v.screen_modulus_pa
+        compliance += (1.0 - v.skin_poisson_ratio**2) / v.skin_modulus_pa
+        return PrintedTheory(
+            v.hurst_exponent,
+            v.roughness_rms_m,
+            v.roll_off_wavenumber_per_m,
+            v.cut_off_wavenumber_per_m,
+            v.contact_gamma,
+            1.0 / compliance,
+        )
+
+    return of

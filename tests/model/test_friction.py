@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from model.friction import cof, electrostatic_force_n
+from model.parameters import FRICTION_LAWS
+
+loads = st.floats(0.01, 10.0)
+ratios = st.floats(0.0, 0.95)
+off = st.floats(0.05, 3.0)
+
+
+def one(value: float) -> np.ndarray:
+    return np.array([value])
+
+
+def test_values_by_hand() -> None:
+    assert cof("applied_load", 0.5, one(0.1), one(0.5)) == pytest.approx([0.6], rel=1e-14)  # rounding
+    assert cof("total_load", 0.5, one(0.1), one(0.5)) == pytest.approx([0.625], rel=1e-14)
+    assert electrostatic_force_n("applied_load", 0.5, one(0.6), one(0.5)) == pytest.approx([0.1], rel=1e-14)
+    assert electrostatic_force_n("total_load", 0.5, one(0.625), one(0.5)) == pytest.approx([0.1], rel=1e-14)
+
+
+@pytest.mark.parametrize("law", FRICTION_LAWS)
+@given(mu=off, load=loads, ratio=ratios)
+def test_inverse_gives_the_force_back(law, mu: float, load: float, ratio: float) -> None:
+    back = electrostatic_force_n(law, mu, cof(law, mu, one(ratio * load), one(load)), one(load))
+    assert back == pytest.approx([ratio * load], rel=1e-12, abs=1e-14 * load)  # 1 - 1/(1/(1 - r)): rounding near r = 0
+
+
+@pytest.mark.parametrize("law", FRICTION_LAWS)
+@given(mu=off, load=loads)
+def test_without_attraction_nothing_changes(law, mu: float, load: float) -> None:
+    assert cof(law, mu, one(0.0), one(load))[0] == mu
+
+
+@given(mu=off, load=loads, ratio=st.floats(1e-3, 0.95))
+def test_total_load_reads_higher(mu: float, load: float, ratio: float) -> None:
+    """1/(1 - r) > 1 + r; the two agree to r^2 for a light attraction."""
+    applied, total = (cof(law, mu, one(ratio * load), one(load))[0] for law in ("applied_load", "total_load"))
+    assert total > applied
+    assert total - applied == pytest.approx(mu * ratio**2 / (1.0 - ratio), rel=1e-6)  # differences of near numbers
+
+
+@pytest.mark.parametrize("force_n", [0.5, 0.6, 100.0, np.inf])
+def test_total_load_diverges_where_attraction_reaches_the_load(force_n: float) -> None:
+    assert np.isnan(cof("total_load", 0.5, one(force_n), one(0.5)))[0]
+    assert cof("total_load", 0.5, one(0.5 - 1e-9), one(0.5))[0] > 1e8
+
+
+@pytest.mark.parametrize("law", FRICTION_LAWS)
+def test_no_equilibrium_no_friction(law) -> None:
+    assert np.isnan(cof(law, 0.5, one(np.nan), one(0.5)))[0]
+
+
+@pytest.mark.parametrize("law", FRICTION_LAWS)
+def test_loads_broadcast_over_a_grid(law) -> None:
+    force = np.linspace(0.0, 0.2, 12).reshape(2, 3, 2)
+    result = cof(law, 0.5, force, np.array([0.5, 1.0]))
+    assert result.shape == (2, 3, 2)
+    assert result[1, 2, 0] == cof(law, 0.5, one(force[1, 2, 0]), one(0.5))[0]

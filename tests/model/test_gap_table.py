@@ -1,0 +1,257 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from model import gap_table as module
+from model.contact import area_ratio
+from model.gap_table import GapTable, gap_integrals, gap_table, lookup
+from model.roughness import SelfAffineShape
+
+FINGERS = ("reference", "table1")
+SHAPE = SelfAffineShape(0.8, 1e4, 0.45)
+NODES = (85, 121, 15, 3)
+
+
+def look_up(table: GapTable, p_hat: float, z_hat: complex) -> tuple[float, complex]:
+    out = np.empty(3)
+    assert lookup(table.values, p_hat, complex(z_hat), out)
+    return out[0], out[1] * np.exp(1j * out[2])
+
+
+def direct(shape: SelfAffineShape, p_hat: float, z_hat: complex) -> tuple[float, complex]:
+    k, l = gap_integrals(shape, p_hat, np.array([z_hat], dtype=complex), 0.05)  # noqa: E741
+    return float(k[0]), complex(l[0])
+
+
+@pytest.mark.parametrize("name", FINGERS)
+def test_gap_integrals_against_reference(models, reference, name: str) -> None:
+    table, scales = models[name].table, models[name].scales
+    r = reference[name]["gap_integrals"]
+    k = [
+        look_up(table, p / scales.pressure_pa, h / scales.length_m)[0] / scales.length_m**2
+        for p, h in zip(r["pressure_pa"], r["h_m"], strict=True)
+    ]
+    np.testing.assert_allclose(k, r["inverse_square_gap_per_m2"], rtol=2e-3)  # reference: 0.05 %
+
+
+@pytest.mark.parametrize(
+    ("name", "pressure_pa", "z_m"),
+    [
+        ("reference", 5e3, 4.56e-7 + 0j),
+        ("table1", 3e4, 1e-6 * np.exp(0.8j)),
+        ("reference", 2e5, 2e-5 * np.exp(1.5j)),
+    ],
+)
+def test_direct_quadrature_against_the_printed_equations(models, printed_theory, name, pressure_pa, z_m) -> None:
+    scales = models[name].scales
+    slow_k, slow_l, slow_mass = printed_theory(models[name]).gap_integrals(pressure_pa, z_m)
+    k, l = direct(models[name].table.shape, pressure_pa / scales.pressure_pa, z_m / scales.length_m)  # noqa: E741
+    # the slow side differentiates by central differences of step 1e-3: 2e-7 of a derivative, a few of them
+    assert k / scales.length_m**2 == pytest.approx(slow_k, rel=1e-6)
+    assert l / scales.length_m == pytest.approx(slow_l, rel=1e-6)
+    not_in_contact = 1.0 - float(area_ratio(models[name].table.shape, pressure_pa / scales.pressure_pa))
+    assert slow_mass == pytest.approx(not_in_contact, rel=1e-6)
+
+
+def test_one_table_serves_another_finger(models, printed_theory, variant) -> None:
+    """K(p, z) = h^-2 K^(p/(Y* q0 h), z/h): three times the height, a fifth of q0 and q1, half the modulus."""
+    other = variant(
+        roughness_rms_m=60e-6, roll_off_wavenumber_per_m=200.0, cut_off_wavenumber_per_m=2e9, skin_modulus_pa=5e6
+    )
+    assert other.table is models["reference"].table
+    slow_k, slow_l, _ = printed_theory(other).gap_integrals(4e3, 2e-6 * np.exp(0.4j))
+    scales = other.scales
+    k, l = look_up(other.table, 4e3 / scales.pressure_pa, 2e-6 * np.exp(0.4j) / scales.length_m)  # noqa: E741
+    assert k / scales.length_m**2 == pytest.approx(slow_k, rel=1e-4)  # interpolation
+    assert l / scales.length_m == pytest.approx(slow_l, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", FINGERS)
+@given(
+    log_p=st.floats(np.log(1e-6), np.log(4.0)),
+    log_z=st.floats(np.log(1e-7), np.log(1e3)),
+    angle=st.floats(-np.pi / 2.0, np.pi / 2.0),
+)
+@settings(max_examples=40, deadline=None)
+def test_table_against_direct_quadrature(models, name: str, log_p: float, log_z: float, angle: float) -> None:
+    table = models[name].table
+    p_hat, z_hat = np.exp(log_p), np.exp(log_z + 1j * angle)
+    k, l = direct(table.shape, p_hat, z_hat)  # noqa: E741
+    table_k, table_l = look_up(table, p_hat, z_hat)
+    assert table_k == pytest.approx(k, rel=1e-4)  # what the surface is promised
+    assert abs(table_l - l) <= 1e-4 * abs(l)
+
+
+@pytest.mark.parametrize("name", FINGERS)
+@pytest.mark.parametrize("p_hat", [4.5, 6.3, 8.1, 9.7])
+def test_table_where_the_contact_is_nearly_complete(models, name: str, p_hat: float) -> None:
+    """More than 1 MPa: the area out of contact vanishes like an error function, which four nodes follow less well."""
+    table = models[name].table
+    for z_hat in (1e-4, 0.3 * np.exp(0.9j), 50.0):
+        k, l = direct(table.shape, p_hat, z_hat)  # noqa: E741
+        table_k, table_l = look_up(table, p_hat, z_hat)
+        assert table_k == pytest.approx(k, rel=1e-3)  # 4e-4 at most, in the last cells; the reference asks 2e-3
+        assert abs(table_l - l) <= 1e-3 * abs(l)
+
+
+@pytest.mark.parametrize("z_hat", [1e-8, 3e-9 * np.exp(1.0j), 3e3, 1e4 * np.exp(-0.7j), 1e5])
+def test_beyond_the_lengths_of_the_table_its_limits_hold(models, z_hat: complex) -> None:
+    table = models["reference"].table
+    k, l = direct(table.shape, 0.02, z_hat)  # noqa: E741
+    table_k, table_l = look_up(table, 0.02, z_hat)
+    # past the edge at 1e3, K z^2 still moves by 2<u>/z = 4e-3; below the edge at 1e-7, P is not yet quite constant
+    # and K |z| rises by 2.3 %
+    assert table_k == pytest.approx(k, rel=5e-3 if abs(z_hat) > 1.0 else 3e-2)
+    if abs(z_hat) > 1.0:
+        assert abs(table_l - l) <= 5e-3 * abs(l)  # L moves half as much
+
+
+def test_far_limit_is_the_area_out_of_contact(models) -> None:
+    """K z^2 -> L z -> 1 - A_real/A0 where the stack is far thicker than the gap."""
+    table = models["reference"].table
+    k, l = look_up(table, 5e3 / 266617.0, 1e5)  # noqa: E741
+    assert k * 1e10 == pytest.approx(1.0 - 1.785e-4, rel=6e-3)  # the correction 2<u>/z is frozen at z = 1e3: 0.44 %
+    assert l * 1e5 == pytest.approx(1.0 - 1.785e-4, rel=3e-3)
+
+
+@given(
+    log_p=st.floats(np.log(1e-5), np.log(5.0)),
+    log_z=st.floats(np.log(1e-6), np.log(1e2)),
+    angle=st.floats(0.0, np.pi / 2.0),
+)
+@settings(max_examples=50, deadline=None)
+def test_conjugate_symmetry(models, log_p: float, log_z: float, angle: float) -> None:
+    table, p_hat, z_hat = models["table1"].table, np.exp(log_p), np.exp(log_z + 1j * angle)
+    k, l = look_up(table, p_hat, z_hat)  # noqa: E741
+    k_conj, l_conj = look_up(table, p_hat, z_hat.conjugate())
+    assert k_conj == pytest.approx(k, rel=1e-12)  # rounding of the angle
+    assert l_conj == pytest.approx(l.conjugate(), rel=1e-12)
+    assert l.imag <= 0.0  # 1/(u + z) has the opposite sign of z
+
+
+def test_pressures_outside_the_table_are_told(models) -> None:
+    out = np.empty(3)
+    for p_hat, inside in ((0.9e-6, False), (1e-6, True), (10.0, True), (11.0, False)):
+        assert lookup(models["reference"].table.values, p_hat, 1.0 + 0j, out) is inside
+        assert np.isfinite(out).all()
+
+
+def test_grid_of_magnifications_has_converged() -> None:
+    z = np.array([1e-6, 1e-3 * np.exp(0.5j), 1.0j, 30.0])
+    for p_hat in (1e-4, 0.02, 1.0):
+        coarse, fine = (gap_integrals(SHAPE, p_hat, z, step) for step in (0.2, 0.05))
+        np.testing.assert_allclose(coarse[0], fine[0], rtol=1e-5)  # a tenth of what interpolation may cost
+        np.testing.assert_allclose(coarse[1], fine[1], rtol=1e-5)
+
+
+def test_grid_of_gaps_has_converged(monkeypatch: pytest.MonkeyPatch) -> None:
+    z = np.array([1e-6, 1e-3 * np.exp(0.5j), 1.0j, 30.0])
+    k, l = gap_integrals(SHAPE, 0.02, z)  # noqa: E741
+    low, high, step = module.LOG_U_AXIS
+    monkeypatch.setattr(module, "LOG_U_AXIS", (low, high, 0.31 * step))
+    finer_k, finer_l = gap_integrals(SHAPE, 0.02, z)
+    np.testing.assert_allclose(k, finer_k, rtol=1e-6)  # the same trapezoid rule on other nodes
+    np.testing.assert_allclose(l, finer_l, rtol=1e-6)
+
+
+class TestCache:
+    """`build_values` is replaced by a constant: what counts here is where numbers are kept."""
+
+    @pytest.fixture
+    def builds(self, monkeypatch: pytest.MonkeyPatch) -> list[SelfAffineShape]:
+        calls: list[SelfAffineShape] = []
+
+        def build(shape: SelfAffineShape) -> np.ndarray:
+            calls.append(shape)
+            return np.full(NODES, 0.25)
+
+        monkeypatch.setattr(module, "build_values", build)
+        return calls
+
+    def load(self, folder) -> GapTable:
+        return gap_table.__wrapped__(SHAPE, folder)  # past the memory of this process
+
+    def test_second_load_reads_what_the_first_wrote(self, tmp_path, builds) -> None:
+        first, second = self.load(tmp_path / "new" / "folder"), self.load(tmp_path / "new" / "folder")
+        assert len(builds) == 1
+        np.testing.assert_array_equal(second.values, first.values)
+        assert second.content_hash == first.content_hash
+
+    def test_nothing_but_the_finished_file_is_left(self, tmp_path, builds) -> None:
+        table = self.load(tmp_path)
+        assert [p.name for p in tmp_path.iterdir()] == [f"gap-table-{table.content_hash}.npy"]
+
+    @pytest.mark.parametrize(
+        "damage",
+        [
+            lambda path: path.write_bytes(path.read_bytes()[:-100]),
+            lambda path: path.write_bytes(path.read_bytes()[:60]),
+            lambda path: path.write_bytes(b"not an array at all"),
+            lambda path: np.save(path, np.zeros((3, 3))),
+            lambda path: np.save(path, np.full(NODES, np.nan)),
+            lambda path: np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True),
+            pytest.param(
+                lambda path: path.write_bytes(b""),
+            ),
+            pytest.param(
+                lambda path: np.save(path, np.full(NODES, "text")),
+            ),
+        ],
+        ids=["cut", "header-cut", "text", "shape", "nan", "pickle", "empty", "strings"],
+    )
+    def test_a_damaged_or_foreign_file_is_built_again(self, tmp_path, builds, damage) -> None:
+        path = tmp_path / f"gap-table-{self.load(tmp_path).content_hash}.npy"
+        damage(path)
+        np.testing.assert_array_equal(self.load(tmp_path).values, np.full(NODES, 0.25))
+        assert len(builds) == 2
+        np.testing.assert_array_equal(np.load(path), np.full(NODES, 0.25))  # and mended on disk
+
+    def test_a_cache_that_cannot_be_written_is_done_without(self, tmp_path, builds) -> None:
+        in_the_way = tmp_path / "file"
+        in_the_way.write_text("a file where the folder should be")
+        assert self.load(in_the_way).values.shape == NODES
+
+    def test_a_failed_write_leaves_the_old_file(self, tmp_path, builds, monkeypatch: pytest.MonkeyPatch) -> None:
+        def full_disk(file, values) -> None:
+            file.write(b"half")
+            raise OSError(28, "No space left on device")
+
+        old = tmp_path / "table.npy"
+        old.write_bytes(b"old")
+        monkeypatch.setattr(module.np, "save", full_disk)
+        module._write(old, np.zeros(3))
+        assert old.read_bytes() == b"old"
+
+    def test_a_failed_write_leaves_no_part(self, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+        def full_disk(file, values) -> None:
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr(module.np, "save", full_disk)
+        module._write(tmp_path / "table.npy", np.zeros(3))
+        assert list(tmp_path.iterdir()) == []
+
+    def test_each_shape_and_each_grid_has_its_own_file(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        shapes = [
+            SHAPE,
+            SelfAffineShape(0.81, 1e4, 0.45),
+            SelfAffineShape(0.8, 2e4, 0.45),
+            SelfAffineShape(0.8, 1e4, 0.5),
+        ]
+        hashes = [GapTable(s, np.zeros(NODES)).content_hash for s in shapes]
+        assert GapTable(SelfAffineShape(0.8, 1e4, 0.45), np.ones(1)).content_hash == hashes[0]
+        for constant, value in (("FORMAT", -1), ("MAGNIFICATION_STEP", 0.1), ("LOG_P_AXIS", (0.0, 1.0, 85))):
+            with monkeypatch.context() as patch:
+                patch.setattr(module, constant, value)
+                hashes.append(GapTable(SHAPE, np.zeros(NODES)).content_hash)
+        assert len(set(hashes)) == len(hashes)
+
+    def test_environment_names_the_folder(self, tmp_path, builds, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setenv("HAPTIC_CACHE_DIR", str(tmp_path / "own"))
+        table = gap_table.__wrapped__(SHAPE)
+        assert (tmp_path / "own" / f"gap-table-{table.content_hash}.npy").is_file()
+
+
+@pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
+def test_a_smooth_shape_has_a_finite_table() -> None:
+    assert np.isfinite(module.build_values(SelfAffineShape(0.8, 2.0, 0.45))).all()

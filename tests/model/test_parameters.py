@@ -1,0 +1,267 @@
+import json
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from model.dielectrics import GABRIEL_DRY, GABRIEL_WET, PowerLaw, Tabulated
+from model.errors import ModelError, nearest
+from model.parameters import SPECIFICATION, ModelDescription, TouchParameters, read_model
+
+MODELS = Path(__file__).parents[2] / "configs" / "models"
+SHIPPED = (MODELS / "reference.toml").read_text(encoding="utf-8")
+NAMES = [f.name for f in fields(TouchParameters)]
+
+
+@pytest.fixture
+def write(tmp_path):
+    def file(text: str, name: str = "finger.toml") -> Path:
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return file
+
+
+def with_parameter(name: str, entry: str) -> str:
+    """The shipped file with another entry for one parameter."""
+    lines = [f"{name} = {entry}" if line.split("=")[0].strip() == name else line for line in SHIPPED.splitlines()]
+    return "\n".join(lines)
+
+
+def with_dielectric(table: str) -> str:
+    head, rest = SHIPPED.split("[dielectric]")
+    return head + table + "\n[parameters]" + rest.split("[parameters]")[1]
+
+
+def test_shipped_reference_holds_table_one() -> None:
+    """Table I and section IV.A of AliAbbasi et al. 2022, typed from the paper; roughness of the public code."""
+    v = read_model(MODELS / "reference.toml").values
+    assert (v.insulator_permittivity, v.insulator_thickness_m, v.insulator_conductivity_s_per_m) == (3.9, 1e-6, 1e-13)
+    assert (v.air_conductivity_s_per_m, v.skin_thickness_m) == (1e-14, 200e-6)
+    assert (v.screen_modulus_pa, v.screen_poisson_ratio) == (70e9, 0.15)
+    assert (v.skin_modulus_pa, v.skin_poisson_ratio) == (10e6, 0.5)
+    assert (v.roughness_rms_m, v.hurst_exponent) == (20e-6, 0.71)
+    assert (v.roll_off_wavenumber_per_m, v.cut_off_wavenumber_per_m) == (1e3, 1e10)
+    assert (v.contact_gamma, v.contact_area_m2, v.leak_scale, v.cof_off) == (0.45, 100e-6, 1.0, 0.512)
+
+
+def test_table1_differs_from_reference_by_its_roughness_only() -> None:
+    one, other = (asdict(read_model(MODELS / f"{n}.toml").values) for n in ("table1", "reference"))
+    different = {k: v for k, v in one.items() if other[k] != v}
+    assert different == {"roughness_rms_m": 22e-6, "hurst_exponent": 0.86, "roll_off_wavenumber_per_m": 8e3}
+
+
+def test_effective_modulus(reference) -> None:
+    for name in ("reference", "table1"):
+        modulus = read_model(MODELS / f"{name}.toml").values.effective_modulus_pa
+        assert modulus == pytest.approx(reference[name]["effective_modulus_pa"], rel=1e-6)  # seven digits are stored
+        assert modulus == pytest.approx(13.331e6, abs=500.0)  # five digits are known
+
+
+@given(st.floats(1e4, 1e9), st.floats(0.0, 0.5))
+def test_effective_modulus_on_a_rigid_screen_is_the_skins(modulus: float, poisson: float) -> None:
+    v = replace(read_model(MODELS / "reference.toml").values, screen_modulus_pa=1e30)
+    v = replace(v, skin_modulus_pa=modulus, skin_poisson_ratio=poisson)
+    assert v.effective_modulus_pa == pytest.approx(modulus / (1.0 - poisson**2), rel=1e-12)  # rounding
+
+
+@pytest.mark.parametrize("name", ["reference", "table1"])
+def test_every_shipped_number_has_a_source(name: str) -> None:
+    for parameter in read_model(MODELS / f"{name}.toml").parameters.values():
+        assert parameter.source
+        assert parameter.std is None or parameter.std > 0.0
+
+
+def test_every_parameter_says_unit_range_and_meaning() -> None:
+    assert list(SPECIFICATION) == NAMES
+    for name, spec in SPECIFICATION.items():
+        assert spec["low"] < spec["high"], name
+        assert spec["unit"], name
+        assert spec["about"], name
+
+
+def test_a_bare_number_is_enough_and_texts_have_defaults(write) -> None:
+    text = "[parameters]\n" + "\n".join(f"{n} = {v!r}" for n, v in asdict(read_model(write(SHIPPED)).values).items())
+    model = read_model(write(text, "bare.toml"))
+    assert model.name == "bare"
+    assert model.friction_law == "applied_load"
+    assert model.dielectric == GABRIEL_DRY
+    assert model.variant == "corrected"
+    assert model.parameters["cof_off"].std is None
+    assert model.parameters["cof_off"].unit == "1"
+    assert model.content_hash == read_model(MODELS / "reference.toml").content_hash
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_range_of_each_parameter_is_enforced(write, name: str) -> None:
+    low, high = SPECIFICATION[name]["low"], SPECIFICATION[name]["high"]
+    for wrong in (low - 0.01 * abs(low) - 1e-30, 1.01 * high):
+        with pytest.raises(ModelError, match="out of range") as caught:
+            read_model(write(with_parameter(name, repr(wrong))))
+        assert name in caught.value.message
+        assert "finger.toml" in caught.value.message
+        assert SPECIFICATION[name]["unit"] in caught.value.hint
+
+
+@pytest.mark.parametrize("name", sorted(set(NAMES) - {"roll_off_wavenumber_per_m", "cut_off_wavenumber_per_m"}))
+def test_the_ends_of_each_range_are_allowed(write, name: str) -> None:
+    for end in (SPECIFICATION[name]["low"], SPECIFICATION[name]["high"]):
+        assert getattr(read_model(write(with_parameter(name, repr(end)))).values, name) == end
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_parameter_must_be_given(write, name: str) -> None:
+    text = "\n".join(line for line in SHIPPED.splitlines() if not line.startswith(name))
+    with pytest.raises(ModelError, match=f"{name} is missing") as caught:
+        read_model(write(text))
+    assert SPECIFICATION[name]["about"] in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    "wrong", ["true", "nan", "inf", "-inf", '"0.5"', "[0.5]", "{ std = 0.1 }", "{ value = false }"]
+)
+def test_what_is_no_finite_number_is_refused(write, wrong: str) -> None:
+    with pytest.raises(ModelError, match=r"cof_off: .* is not a finite number"):
+        read_model(write(with_parameter("cof_off", wrong)))
+
+
+@pytest.mark.parametrize("wrong", ["nan", "true", '"0.1"'])
+def test_a_standard_deviation_is_a_number_too(write, wrong: str) -> None:
+    with pytest.raises(ModelError, match=r"cof_off\.std"):
+        read_model(write(with_parameter("cof_off", f"{{ value = 0.5, std = {wrong} }}")))
+
+
+def test_a_negative_standard_deviation_is_refused(write) -> None:
+    with pytest.raises(ModelError, match=r"cof_off\.std = -0\.1 is negative"):
+        read_model(write(with_parameter("cof_off", "{ value = 0.5, std = -0.1 }")))
+
+
+def test_an_endless_integer_is_refused(write) -> None:
+    with pytest.raises(ModelError, match="cof_off"):
+        read_model(write(with_parameter("cof_off", "1" + 400 * "0")))
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "choice"),
+    [
+        ("frictionlaw = 'applied_load'\n" + SHIPPED, "frictionlaw", "friction_law"),
+        (SHIPPED + "\nhurst_exponents = 0.7\n", "hurst_exponents", "hurst_exponent"),
+        (with_parameter("cof_off", "{ value = 0.5, sd = 0.1 }"), "sd", "std"),
+        (with_dielectric('[dielectric]\nset = "csv"\nfiel = "a.csv"'), "fiel", "file"),
+        (with_dielectric('[dielectric]\nset = "power_law"\namplitud = 3.0'), "amplitud", "amplitude"),
+        (with_dielectric('[dielectric]\nset = "gabriel_dry"\nsett = 1'), "sett", "set"),
+    ],
+    ids=["top", "parameters", "entry", "csv", "power-law", "named-set"],
+)
+def test_an_unknown_key_is_an_error_with_the_nearest(write, text: str, key: str, choice: str) -> None:
+    with pytest.raises(ModelError, match=f"unknown key '{key}'") as caught:
+        read_model(write(text))
+    assert f"Did you mean '{choice}'?" in caught.value.hint
+
+
+def test_unknown_law_and_set_offer_the_nearest(write) -> None:
+    with pytest.raises(ModelError, match="friction_law 'total' is unknown") as caught:
+        read_model(write(SHIPPED.replace('friction_law = "applied_load"', 'friction_law = "total"')))
+    assert "total_load" in caught.value.hint
+    with pytest.raises(ModelError, match="no dielectric set 'gabriel_dray'") as caught:
+        read_model(write(with_dielectric('[dielectric]\nset = "gabriel_dray"')))
+    assert "Did you mean 'gabriel_dry'?" in caught.value.hint
+
+
+@pytest.mark.parametrize("text", ["[dielectric]\nfile = 'a.csv'", "dielectric = 3", "dielectric = 'gabriel_dry'"])
+def test_a_dielectric_without_a_set_is_refused(write, text: str) -> None:
+    with pytest.raises(ModelError, match="has no key 'set'"):
+        read_model(write(with_dielectric(text)))
+
+
+def test_parameters_must_be_a_table(write) -> None:
+    with pytest.raises(ModelError, match=r"\[parameters\]: is not a table"):
+        read_model(write("parameters = 3\n"))
+
+
+def test_files_that_cannot_be_read_are_named(tmp_path, write) -> None:
+    with pytest.raises(ModelError, match=r"none\.toml: model file cannot be read"):
+        read_model(tmp_path / "none.toml")
+    with pytest.raises(ModelError, match=r"finger\.toml: not valid TOML"):
+        read_model(write("parameters = = 3\n"))
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x81")
+    with pytest.raises(ModelError, match="not valid TOML"):
+        read_model(binary)
+
+
+@pytest.mark.parametrize("cut_off", [1e3, 1.99e3])
+def test_the_cut_off_must_lie_above_the_roll_off(write, cut_off: float) -> None:
+    with pytest.raises(ModelError, match="cut_off_wavenumber_per_m") as caught:
+        read_model(write(with_parameter("cut_off_wavenumber_per_m", repr(cut_off))))
+    assert "twice" in caught.value.hint
+    assert read_model(write(with_parameter("cut_off_wavenumber_per_m", "2e3"))).values.cut_off_wavenumber_per_m == 2e3
+
+
+def test_power_law_and_table_are_read(write, tmp_path) -> None:
+    text = (
+        '[dielectric]\nset = "power_law"\neps_inf = 5\namplitude = 800.0\nexponent = 0.3\nconductivity_s_per_m = 2e-4'
+    )
+    assert read_model(write(with_dielectric(text))).dielectric == PowerLaw(5.0, 800.0, 0.3, 2e-4)
+    with pytest.raises(ModelError, match="exponent: None is not a finite number"):
+        read_model(write(with_dielectric(text.replace("exponent = 0.3\n", ""))))
+    (tmp_path / "own.csv").write_text("frequency_hz,eps_real,conductivity_s_per_m\n1,10,1e-4\n2,11,1e-4\n")
+    table = read_model(write(with_dielectric('[dielectric]\nset = "csv"\nfile = "own.csv"'))).dielectric
+    assert isinstance(table, Tabulated)
+    assert table.eps_real == (10.0, 11.0)
+    with pytest.raises(ModelError, match="dielectric table cannot be read"):
+        read_model(write(with_dielectric('[dielectric]\nset = "csv"')))
+
+
+def test_nearest_lists_all_where_nothing_is_near() -> None:
+    assert nearest("zzz", ["beta", "alpha"]) == "Known: alpha, beta"
+    assert str(ModelError("what", "do")) == "what. do"
+    assert str(ModelError("what")) == "what"
+
+
+class TestIdentity:
+    @pytest.fixture
+    def model(self) -> ModelDescription:
+        return read_model(MODELS / "reference.toml")
+
+    def test_name_comments_sources_and_order_do_not_count(self, model, write) -> None:
+        lines = SHIPPED.split("[parameters]\n")
+        turned = lines[0].replace("#", "# also") + "[parameters]\n" + "\n".join(reversed(lines[1].splitlines()))
+        other = read_model(write(turned.replace("Table I", "the paper").replace('"reference"', '"mine"')))
+        assert other.name == "mine"
+        assert other.content_hash == model.content_hash
+        assert other.provenance() != model.provenance()
+
+    @pytest.mark.parametrize("name", NAMES)
+    def test_any_changed_number_counts(self, model, name: str) -> None:
+        entry = model.parameters[name]
+        changed = {**model.parameters, name: replace(entry, value=entry.value * (1.0 + 1e-12))}
+        assert replace(model, parameters=changed).content_hash != model.content_hash
+
+    def test_law_set_and_variant_count(self, model) -> None:
+        others = [
+            model,
+            replace(model, friction_law="total_load"),
+            replace(model, dielectric=GABRIEL_WET),
+            replace(model, dielectric=replace(GABRIEL_DRY, conductivity_s_per_m=2.0001e-4)),
+            replace(model, dielectric=Tabulated("t", "s", (1.0, 2.0), (3.0, 4.0), (5.0, 6.0))),
+            replace(model, dielectric=Tabulated("t", "s", (1.0, 2.0), (3.0, 4.0), (5.0, 6.1))),
+            replace(model, variant="published"),
+        ]
+        assert len({m.content_hash for m in others}) == len(others)
+
+    def test_the_name_of_a_dielectric_table_does_not_count(self, model) -> None:
+        one, other = (Tabulated(n, f"{n}.csv", (1.0, 2.0), (3.0, 4.0), (5.0, 6.0)) for n in ("a", "b"))
+        assert replace(model, dielectric=one).content_hash == replace(model, dielectric=other).content_hash
+
+    def test_provenance_survives_json(self, model) -> None:
+        provenance = model.provenance()
+        assert json.loads(json.dumps(provenance)) == provenance
+        assert provenance["parameters"]["cof_off"]["value"] == 0.512
+        assert provenance["parameters"]["cof_off"]["std"] == 0.006
+        assert provenance["dielectric"]["name"] == "gabriel_dry"
+        assert provenance["friction_law"] == "applied_load"
+        assert provenance["variant"] == "corrected"

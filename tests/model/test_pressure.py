@@ -1,0 +1,298 @@
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from model.dielectrics import EPS0
+from model.gap_table import LOG_P_AXIS, GapTable, axis, gap_integrals
+from model.layers import Stack
+from model.pressure import ContactScales, solve, solve_grid
+from model.roughness import SelfAffineShape
+
+FINGERS = ("reference", "table1")
+UNIT = ContactScales(1.0, 1.0)
+
+# A soft and nearly smooth finger on a thin insulator, all numbers within their ranges: its V(p_e) turns back.
+FOLDING = {
+    "hurst_exponent": 0.2,
+    "contact_gamma": 1.0,
+    "roll_off_wavenumber_per_m": 1e4,
+    "cut_off_wavenumber_per_m": 1e7,
+    "roughness_rms_m": 1e-5,
+    "skin_modulus_pa": 1e5,
+    "skin_thickness_m": 1e-6,
+    "insulator_thickness_m": 1e-8,
+    "insulator_permittivity": 100.0,
+    "leak_scale": 0.0,
+    "contact_area_m2": 1e-2,
+}
+
+
+def gain_by_quadrature(model, frequency_hz: float, pressure_pa: float) -> float:
+    """Pressure per mean square volt, (eps0/2) int P/|a u + b|^2 du, past the table."""
+    s, scales = model.stack(np.array([frequency_hz])), model.scales
+    a = 1.0 + s.leak_per_m_pa[0] * pressure_pa * s.h_m[0]
+    z = s.k_gap[0] * s.h_m[0] / a
+    z = complex(z.real, abs(z.imag))
+    k_hat = gap_integrals(model.table.shape, pressure_pa / scales.pressure_pa, np.array([z / scales.length_m]))[0][0]
+    return 0.5 * EPS0 * float(k_hat) / (scales.length_m * abs(a)) ** 2
+
+
+def solve_sine(model, frequency_hz: float, voltage_v: np.ndarray, load_pa: float) -> np.ndarray:
+    s = model.stack(np.full(voltage_v.size, frequency_hz))
+    return solve(model.table, model.scales, [(s, voltage_v**2 / 2.0)], np.full(voltage_v.size, load_pa))
+
+
+@pytest.mark.parametrize("name", FINGERS)
+@given(
+    f=st.floats(0.0, 6.0).map(lambda e: 10.0**e),
+    v=st.floats(5.0, 150.0),
+    load=st.floats(5e2, 2e4),
+)
+@settings(max_examples=40, deadline=None)
+def test_pressure_satisfies_its_own_loop(models, name: str, f: float, v: float, load: float) -> None:
+    model = models[name]
+    p_e = float(solve_sine(model, f, np.array([v]), load)[0])
+    assert p_e > 0.0
+    # 1e-4 is what the table may differ from direct quadrature
+    assert p_e == pytest.approx(v * v / 2.0 * gain_by_quadrature(model, f, load + p_e), rel=1e-4)
+
+
+@pytest.mark.parametrize("name", FINGERS)
+@pytest.mark.parametrize("frequency_hz", [10.0, 250.0, 1e4])
+def test_voltage_rises_with_pressure_up_to_1_mpa(models, name: str, frequency_hz: float) -> None:
+    """No fold for the shipped fingers: V(p_e) = sqrt(p_e/g) by quadrature alone."""
+    p_e = np.geomspace(1.0, 1e6, 60)
+    square = [p / (gain_by_quadrature(models[name], frequency_hz, 5e3 + p) / 2.0) for p in p_e]
+    assert (np.diff(square) > 0.0).all()
+
+
+@pytest.mark.parametrize("name", FINGERS)
+def test_grid_and_single_conditions_agree(models, name: str) -> None:
+    model = models[name]
+    f, v, load = np.geomspace(1.0, 1e6, 7), np.array([0.0, 20.0, 75.0, 150.0]), np.array([1e3, 5e3, 2e4])
+    grid = solve_grid(model.table, model.scales, model.stack(f), v, load)
+    assert np.isinf(grid.pull_in_voltage_v).all()
+    for i, frequency in enumerate(f):
+        for n, p0 in enumerate(load):
+            single = solve_sine(model, frequency, v, p0)
+            # cubic between 128 nodes of pressure: 1e-6, amplified where the curve is steep
+            np.testing.assert_allclose(grid.electrostatic_pressure_pa[i, :, n], single, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", FINGERS)
+def test_light_attraction_grows_with_the_square_of_the_voltage(models, name: str) -> None:
+    p_e = solve_sine(models[name], 250.0, np.array([0.01, 0.1, 1.0]), 5e3)
+    # p_e/p0 = 4e-5 at 1 V; below that, p_e is a difference of numbers known to 1e-10 p0: 2e-2 at 0.01 V
+    assert p_e[2] / p_e[1] == pytest.approx(100.0, rel=1e-3)
+    assert p_e[1] / p_e[0] == pytest.approx(100.0, rel=2e-2)
+    assert p_e[2] == pytest.approx(0.5 * gain_by_quadrature(models[name], 250.0, 5e3), rel=2e-4)  # and interpolation
+
+
+def test_without_voltage_there_is_no_attraction(models) -> None:
+    model = models["reference"]
+    assert solve_sine(model, 250.0, np.zeros(1), 5e3)[0] == 0.0
+    sine = model.stack(np.array([250.0]))
+    grid = solve_grid(model.table, model.scales, sine, np.zeros(1), np.array([5e3]))
+    assert grid.electrostatic_pressure_pa[0, 0, 0] == 0.0
+
+
+def test_components_add_their_mean_squares(models) -> None:
+    model = models["reference"]
+    s = model.stack(np.array([250.0]))
+    whole = solve(model.table, model.scales, [(s, np.array([3000.0]))], np.array([5e3]))
+    parts = solve(model.table, model.scales, [(s, np.array([1000.0])), (s, np.array([2000.0]))], np.array([5e3]))
+    assert parts[0] == pytest.approx(whole[0], rel=1e-8)  # the loop is closed to 1e-10 of the total
+
+
+class TestMadeUpContact:
+    """Tables made up so that the loop has a solution by hand; z = 1 and no leak, so g(p) = (eps0/2) K(p)."""
+
+    NODES = (85, 121, 15, 3)
+
+    def table(self, log_k: Callable[[np.ndarray], np.ndarray]) -> GapTable:
+        values = np.zeros(self.NODES)
+        values[..., 0] = log_k(axis(LOG_P_AXIS))[:, None, None]
+        return GapTable(SelfAffineShape(0.7, 1e7, 0.45), values)
+
+    @staticmethod
+    def stack(n: int) -> Stack:
+        return Stack(np.ones(n), np.ones(n, complex), np.ones(n, complex), np.zeros(n, complex))
+
+    def single(self, log_k, mean_square: np.ndarray, load: float) -> np.ndarray:
+        n = mean_square.size
+        return solve(self.table(log_k), UNIT, [(self.stack(n), mean_square)], np.full(n, load))
+
+    def grid(self, log_k, mean_square: np.ndarray, load: float):
+        return solve_grid(self.table(log_k), UNIT, self.stack(1), np.sqrt(2.0 * mean_square), np.array([load]))
+
+    def test_linear_gain(self) -> None:
+        """p = p0 + B p: p_e = p0 B/(1 - B); no equilibrium from B = 1 on."""
+        b = np.array([0.1, 0.5, 0.9, 1.0, 1.5])
+        expected = np.where(b < 1.0, 1e-2 * b / np.where(b < 1.0, 1.0 - b, 1.0), np.nan)
+        mean_square = b / (0.5 * EPS0)
+        # the loop is closed to 1e-10 p, which is 1e-9 of p_e here and ten times that at B = 0.9
+        np.testing.assert_allclose(self.single(lambda x: x, mean_square, 1e-2), expected, rtol=1e-7)
+        grid = self.grid(lambda x: x, mean_square, 1e-2)
+        np.testing.assert_allclose(grid.electrostatic_pressure_pa[0, :, 0], expected, rtol=1e-7)
+
+    def test_quadratic_gain_turns_back(self) -> None:
+        """p = p0 + B p^2 has two roots below 4 B p0 = 1 and none above; reachable is the lower."""
+        p0 = 1e-2
+        fraction = np.array([0.01, 0.3, 0.9, 0.99, 1.01, 3.0])  # of B at the turn
+        b = fraction / (4.0 * p0)
+        lower = np.where(fraction < 1.0, (1.0 - np.sqrt(np.maximum(1.0 - fraction, 0.0))) / (2.0 * b) - p0, np.nan)
+        mean_square = b / (0.5 * EPS0)
+        # at 0.99 of the turn, an error of 1e-10 in the loop is 1e-8 of p_e
+        np.testing.assert_allclose(self.single(lambda x: 2.0 * x, mean_square, p0), lower, rtol=1e-6)
+        grid = self.grid(lambda x: 2.0 * x, mean_square, p0)
+        # the fold is known to one node of 128: 5 % in p, the square of it (0.07 %) in V^2
+        turn = np.sqrt(2.0 / (4.0 * p0) / (0.5 * EPS0))
+        assert grid.pull_in_voltage_v[0, 0] == pytest.approx(turn, rel=1e-3)
+        assert grid.pull_in_voltage_v[0, 0] <= turn  # never promised beyond the fold
+        np.testing.assert_allclose(grid.electrostatic_pressure_pa[0, :, 0], lower, rtol=1e-6)
+
+    @staticmethod
+    def lowest(log_k, mean_square: float, load: float) -> float:
+        p = np.exp(np.linspace(np.log(load), LOG_P_AXIS[1], 200_001))
+        met = np.flatnonzero(load + mean_square * 0.5 * EPS0 * np.exp(log_k(np.log(p))) <= p)
+        return float(p[met[0]] - load) if met.size else float("nan")
+
+    @staticmethod
+    def saturating(x: np.ndarray) -> np.ndarray:
+        """A gain that rises steeply once, from a slope of 2.5, and is constant after."""
+        return 2.5 * (x - np.logaddexp(0.0, 4.0 * (x - np.log(0.3))) / 4.0)
+
+    @pytest.mark.parametrize("fraction", [0.2, 0.6, 0.9, 0.97])
+    def test_of_three_equilibria_the_lowest_is_taken(self, fraction: float) -> None:
+        p0 = 1e-2
+        # V^2 at the fold, by hand: slope 2.5 gives p = p0 2.5/1.5 there
+        p_fold = p0 * 2.5 / 1.5
+        mean_square = fraction * (p_fold - p0) / (0.5 * EPS0 * p_fold**2.5)
+        p = np.exp(np.linspace(np.log(p0), LOG_P_AXIS[1], 5001))
+        excess = p0 + mean_square * 0.5 * EPS0 * np.exp(self.saturating(np.log(p))) - p
+        roots = np.count_nonzero(np.diff(np.sign(excess[1:])))
+        assert roots == 3
+        expected = self.lowest(self.saturating, mean_square, p0)
+        # table and nodes are cubic between points 0.19 and 0.05 apart in log p: 1e-4 of the gain here
+        assert self.single(self.saturating, np.array([mean_square]), p0)[0] == pytest.approx(expected, rel=2e-3)
+        grid = self.grid(self.saturating, np.array([mean_square]), p0)
+        assert grid.electrostatic_pressure_pa[0, 0, 0] == pytest.approx(expected, rel=2e-3)
+
+    @staticmethod
+    def late(x: np.ndarray) -> np.ndarray:
+        """Slope 0.54 at first, 5.9 between p = 0.22 and 0.59, 0.54 after."""
+        return 0.54 * x + 5.37 * 0.26 * (
+            np.logaddexp(0.0, (x - np.log(0.218)) / 0.26) - np.logaddexp(0.0, (x - np.log(0.218) - 1.0) / 0.26)
+        )
+
+    def test_grid_takes_the_lowest_of_a_curve_that_bends_down_first(self) -> None:
+        p0 = 7.76993940380478e-3
+        mean_square = np.array([5.579454e10, 7.0515832e10])
+        expected = [self.lowest(self.late, m, p0) for m in mean_square]
+        grid = self.grid(self.late, mean_square, p0)
+        np.testing.assert_allclose(grid.electrostatic_pressure_pa[0, :, 0], expected, rtol=2e-3)  # table: 0.19 in log p
+
+    def test_single_takes_the_lowest_of_a_curve_that_bends_down_first(self) -> None:
+        p0 = 7.76993940380478e-3
+        mean_square = np.array([5.579454e10, 7.0515832e10])
+        expected = [self.lowest(self.late, m, p0) for m in mean_square]
+        np.testing.assert_allclose(self.single(self.late, mean_square, p0), expected, rtol=2e-3)
+
+
+FOLDING_FREQUENCY_HZ = 1e6
+FOLDING_LOAD = 1e-4  # of Y* q0 h_rms
+
+
+@pytest.fixture(scope="module")
+def folding(variant):
+    return variant(**FOLDING)
+
+
+@pytest.fixture(scope="module")
+def load_pa(folding) -> float:
+    return FOLDING_LOAD * folding.scales.pressure_pa
+
+
+@pytest.fixture(scope="module")
+def curve(folding, load_pa) -> tuple[np.ndarray, np.ndarray]:
+    """p_e and V(p_e) by quadrature; V has a maximum, falls by 5e-4 and rises again."""
+    p = np.exp(np.linspace(np.log(1.01 * FOLDING_LOAD), np.log(9.9), 250)) * folding.scales.pressure_pa
+    gain = np.array([gain_by_quadrature(folding, FOLDING_FREQUENCY_HZ, x) / 2.0 for x in p])
+    return p - load_pa, np.sqrt((p - load_pa) / gain)
+
+
+class TestPullIn:
+    def test_voltage_turns_back(self, curve) -> None:
+        _, v = curve
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(v))))
+        assert turns.size == 2
+        assert v[turns[0] + 1] > 1.0003 * v[turns[1] + 1]
+
+    def test_the_fold_is_found_and_nothing_past_it_is_given(self, folding, load_pa, curve) -> None:
+        _, v = curve
+        fold = v[np.flatnonzero(np.diff(v) < 0.0)[0]]
+        voltage = fold * np.array([0.5, 0.9, 0.9995, 1.0005, 1.05, 2.0])
+        grid = solve_grid(
+            folding.table, folding.scales, folding.stack(np.array([FOLDING_FREQUENCY_HZ])), voltage, np.array([load_pa])
+        )
+        assert grid.pull_in_voltage_v[0, 0] == pytest.approx(fold, rel=1e-4)  # table against quadrature
+        np.testing.assert_array_equal(
+            np.isnan(grid.electrostatic_pressure_pa[0, :, 0]), [False, False, False, True, True, True]
+        )
+
+    def test_between_the_folds_the_lowest_branch_is_taken(self, folding, load_pa, curve) -> None:
+        p_e, v = curve
+        top, bottom = np.flatnonzero(np.diff(v) < 0.0)[[0, -1]] + np.array([0, 1])
+        between = v[bottom] + 0.7 * (v[top] - v[bottom])
+        roots = np.count_nonzero(np.diff(np.sign(v - between)))
+        assert roots == 3
+        grid = solve_grid(
+            folding.table, folding.scales, folding.stack(np.array([FOLDING_FREQUENCY_HZ])), np.array([between]),
+            np.array([load_pa]),
+        )  # fmt: skip
+        first = p_e[np.flatnonzero(v > between)[0]]
+        # the curve is flat here: 1e-4 of V is a tenth of p_e, and the next root is four times as far
+        assert grid.electrostatic_pressure_pa[0, 0, 0] == pytest.approx(first, rel=0.3)
+        assert solve_sine(folding, FOLDING_FREQUENCY_HZ, np.array([between]), load_pa)[0] == pytest.approx(
+            first, rel=0.3
+        )
+
+    def test_a_surface_flags_what_is_pulled_in(self, folding, load_pa, curve) -> None:
+        _, v = curve
+        fold = v[np.flatnonzero(np.diff(v) < 0.0)[0]]
+        load_n = load_pa * FOLDING["contact_area_m2"]
+        surface = folding.surface(
+            np.array([FOLDING_FREQUENCY_HZ]), fold * np.array([0.9, 1.001, 1.2]), np.array([load_n])
+        )
+        np.testing.assert_array_equal(surface.pulled_in[0, :, 0], [False, True, True])
+        for name in ("electrostatic_force_n", "cof", "current_rms_a"):
+            np.testing.assert_array_equal(np.isnan(getattr(surface, name)[0, :, 0]), [False, True, True])
+        assert np.isfinite(surface.stuck_current_rms_a).all()
+        assert not surface.within_theory[0, 1:, 0].any()
+
+    def test_single_conditions_are_pulled_in_too(self, folding, load_pa, curve) -> None:
+        _, v = curve
+        fold = v[np.flatnonzero(np.diff(v) < 0.0)[0]]
+        assert np.isnan(
+            solve_sine(folding, FOLDING_FREQUENCY_HZ, fold * np.array([1.01, 1.05, 1.1, 1.15]), load_pa)
+        ).all()
+
+
+def test_a_pressure_beyond_the_table_has_no_answer(models) -> None:
+    """400 V and 5 kPa lead to 1.1 MPa; 1000 V beyond the table's 2.7 MPa."""
+    p_e = solve_sine(models["reference"], 250.0, np.array([400.0, 1000.0, 5000.0]), 5e3)
+    assert p_e[0] == pytest.approx(
+        400.0**2 / 2.0 * gain_by_quadrature(models["reference"], 250.0, 5e3 + p_e[0]), rel=1e-4
+    )
+    assert np.isnan(p_e[1:]).all()
+
+
+def test_a_load_beyond_the_table_has_no_answer(models) -> None:
+    model = models["reference"]
+    load = np.array([11.0 * model.scales.pressure_pa])
+    assert np.isnan(solve_sine(model, 250.0, np.array([75.0]), load[0])).all()
+    grid = solve_grid(model.table, model.scales, model.stack(np.array([250.0])), np.array([75.0]), load)
+    assert np.isnan(grid.electrostatic_pressure_pa).all()
