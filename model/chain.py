@@ -23,10 +23,11 @@ from model.touch import Contact, Drive, Friction, Values
 
 @dataclass(frozen=True)
 class PreparedTouch:
-    """A circuit with what the stages after it need; `omega` [n, c] is the branches', `shape` the conditions'."""
+    """A circuit with what the stages after it need: `omega` and driven `rms_v` of each branch [n, c], and the shape."""
 
     circuit: GapCircuit
     omega: Array
+    rms_v: Array
     friction: Friction
     shape: tuple[int, ...]
 
@@ -38,12 +39,15 @@ def prepare(
     set_frequency_hz = drive.frequency_hz
     for effect in effects:
         drive = effect.drive(drive)
-    branches = [(branch(parameters, dielectric, set_frequency_hz), drive.mean_square_v2)]
+    driven = drive.mean_square_factor * drive.voltage_v**2
+    crest = 1.0 / drive.mean_square_factor
+    branches = [(branch(parameters, dielectric, set_frequency_hz), (drive.mean_square_v2, driven, crest))]
     if np.any(drive.voltage_offset_v != 0.0):
-        branches.append((branch(parameters, dielectric, np.zeros(1)), drive.offset_mean_square_v2))
+        steady = (drive.offset_mean_square_v2, drive.voltage_offset_v**2, 1.0)
+        branches.append((branch(parameters, dielectric, np.zeros(1)), steady))
     contact, friction = Contact(), Friction()
     for effect in effects:
-        branches = [(effect.stack(b, parameters, drive), square) for b, square in branches]
+        branches = [(effect.stack(b, parameters, drive), squares) for b, squares in branches]
         contact = effect.contact(contact, parameters, drive)
         friction = effect.friction(friction, drive)
 
@@ -53,9 +57,9 @@ def prepare(
     electrical = [
         (
             b.h_m(parameters), b.k_gap, b.gap_admittance_s_per_m2 / (1j * b.omega * EPS0),
-            leak_per_m_pa(parameters, b) * leak_factor, square, b.omega,
+            leak_per_m_pa(parameters, b) * leak_factor, square * np.abs(b.field_gain) ** 2, b.omega, driven, crest,
         )
-        for b, square in branches
+        for b, (square, driven, crest) in branches
     ]  # fmt: skip
     load_pa = drive.normal_force_n / parameters.contact_area_m2
     mechanical = [
@@ -79,12 +83,13 @@ def prepare(
         bypass_per_m=by_branch(2, complex),
         leak_per_m_pa=by_branch(3, complex),
         mean_square_v2=by_branch(4, float),
+        crest_square=by_branch(7, float),
         gap_shift_m=shift,
         load_pa=load,
         added_pa=added,
         field_limit_v_per_m=limit,
     )
-    return PreparedTouch(circuit, by_branch(5, float), friction, shape)
+    return PreparedTouch(circuit, by_branch(5, float), np.sqrt(by_branch(6, float)), friction, shape)
 
 
 def touch_friction(

@@ -27,8 +27,9 @@ class GapCircuit:
     """Touches [n] as the closed loop sees them, each with `c` branches; everything already broadcast.
 
     `pressure_scale_pa` Y* q0 h_rms and `length_scale_m` h_rms [n]; per branch [n, c] the complex length `h_m`, `k_gap`,
-    the admittance beside the gap over j w eps0, as `bypass_per_m` + `leak_per_m_pa` p, and `mean_square_v2`;
-    `gap_shift_m`, `load_pa` (normal force over area), `added_pa` (other attraction), `field_limit_v_per_m` [n].
+    the admittance beside the gap over j w eps0, as `bypass_per_m` + `leak_per_m_pa` p, `mean_square_v2` and its
+    `crest_square` (peak over mean square); `gap_shift_m`, `load_pa` (normal force over area), `added_pa` (other
+    attraction) and `field_limit_v_per_m` [n].
     """
 
     pressure_scale_pa: Array
@@ -38,6 +39,7 @@ class GapCircuit:
     bypass_per_m: ComplexArray
     leak_per_m_pa: ComplexArray
     mean_square_v2: Array
+    crest_square: Array
     gap_shift_m: Array
     load_pa: Array
     added_pa: Array
@@ -64,8 +66,8 @@ def solve(table: GapTable, circuit: GapCircuit) -> Array:
     result = np.empty_like(circuit.load_pa)
     _solve(
         table.values, table.mass, gap_nodes(), circuit.pressure_scale_pa, circuit.length_scale_m, circuit.h_m,
-        circuit.k_gap, circuit.bypass_per_m, circuit.leak_per_m_pa, circuit.mean_square_v2, circuit.gap_shift_m,
-        circuit.load_pa, circuit.added_pa, circuit.field_limit_v_per_m, result,
+        circuit.k_gap, circuit.bypass_per_m, circuit.leak_per_m_pa, circuit.mean_square_v2, circuit.crest_square,
+        circuit.gap_shift_m, circuit.load_pa, circuit.added_pa, circuit.field_limit_v_per_m, result,
     )  # fmt: skip
     return result
 
@@ -118,7 +120,7 @@ def _beyond_limit(mass: Array, u: Array, p_hat: float, z_hat: complex, amplitude
 @kernel
 def _solve(  # noqa: PLR0912 (one visible algorithm)
     values: Array, mass: Array, u: Array, p_scale: Array, h_scale: Array, h: ComplexArray, k_gap: ComplexArray,
-    bypass: ComplexArray, leak: ComplexArray, mean_square: Array, shift: Array, load: Array, added: Array,
+    bypass: ComplexArray, leak: ComplexArray, mean_square: Array, crest: Array, shift: Array, load: Array, added: Array,
     field_limit: Array, result: Array,
 ) -> None:  # fmt: skip
     """Marching up from the unattracted contact in bounded steps, so that the lowest equilibrium is the one bracketed.
@@ -142,7 +144,7 @@ def _solve(  # noqa: PLR0912 (one visible algorithm)
                     if field_limit[i] < np.inf:
                         a = 1.0 + beta * h[i, c]
                         z_hat = (k_gap[i, c] * h[i, c] / a + shift[i]) / h_scale[i]
-                        amplitude = np.sqrt(2.0 * abs(mean_square[i, c])) / (abs(a) * h_scale[i])
+                        amplitude = np.sqrt(crest[i, c] * abs(mean_square[i, c])) / (abs(a) * h_scale[i])
                         gain *= 1.0 - _beyond_limit(mass, u, p / p_scale[i], z_hat, amplitude, field_limit[i])
                     attraction += mean_square[i, c] * gain
             excess = base + attraction - p

@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from model.parameters import TouchParameters
 
 Values = Any  # float or array, real or complex, broadcasting against the conditions
@@ -35,14 +37,16 @@ class Drive:
 
     @property
     def mean_square_v2(self) -> Values:
-        """Mean square voltage of the main branch, the surface's included."""
+        """Mean square voltage of the main branch; the surface's own acts here unless there is a bias to meet it."""
         against = 2.0 * self.steady * self.voltage_v * self.surface_voltage_v
-        return self.mean_square_factor * self.voltage_v**2 - against + self.surface_voltage_v**2
+        surface = np.where(self.voltage_offset_v == 0.0, self.surface_voltage_v**2, 0.0)
+        return self.mean_square_factor * self.voltage_v**2 - against + surface
 
     @property
     def offset_mean_square_v2(self) -> Values:
-        """Mean square voltage of the bias, against the surface's; the surface's own is in `mean_square_v2`."""
-        return self.voltage_offset_v * (self.voltage_offset_v - 2.0 * self.surface_voltage_v)
+        """Mean square voltage of the bias, less the surface's."""
+        against = (self.voltage_offset_v - self.surface_voltage_v) ** 2
+        return np.where(self.voltage_offset_v == 0.0, 0.0, against)
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,7 @@ class Branch:
     """The electrical stack at one frequency: permittivities, and what stands behind and beside the gap.
 
     `omega` in rad/s; `series_length_m` adds to h; `gap_admittance_s_per_m2` lies in parallel with the air gap, beside
-    the contact leak.
+    the contact leak; `field_gain` is the field in the gap's air over the mean field of the gap.
     """
 
     omega: Values
@@ -59,6 +63,7 @@ class Branch:
     k_gap: Values
     series_length_m: Values = 0.0
     gap_admittance_s_per_m2: Values = 0.0
+    field_gain: Values = 1.0
 
     def skin_length_m(self, p: TouchParameters) -> Values:
         """Complex length of the skin, d2/k2."""

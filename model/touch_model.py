@@ -128,9 +128,8 @@ class TouchModel:
         p_e = pressure.solve(self.table, touch.circuit)
         load_pa, load_n = touch.circuit.load_pa, np.asarray(drive.normal_force_n, dtype=np.float64)
         total_pa = load_pa + p_e + touch.circuit.added_pa
-        rms = np.sqrt(np.abs(touch.circuit.mean_square_v2))
-        sliding = current.sliding_current_per_v(self.table, touch.circuit, total_pa, touch.omega) * rms
-        stuck = current.stuck_current_per_v(touch.circuit.h_m, touch.omega) * rms
+        sliding = current.sliding_current_per_v(self.table, touch.circuit, total_pa, touch.omega) * touch.rms_v
+        stuck = current.stuck_current_per_v(touch.circuit.h_m, touch.omega) * touch.rms_v
         return Prediction(
             electrostatic_force_n=p_e * p.contact_area_m2,
             cof=touch_friction(self.description.friction_law, p, touch, p_e, load_n),

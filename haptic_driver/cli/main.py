@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from haptic_driver.cli import demo, measure, predict, solve, surface
+from haptic_driver.cli import demo, diagnose, measure, predict, solve, surface
 from haptic_driver.cli.output import report_error
 from haptic_driver.errors import BadInputError, HapticError
 from hw.errors import DeviceError
@@ -26,6 +26,7 @@ app.add_typer(surface.app, name="surface")
 app.command()(predict.predict)
 app.command()(solve.solve)
 app.command()(demo.demo)
+app.command()(diagnose.diagnose)
 app.command()(measure.measure)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -24,7 +25,12 @@ class Candidate:
     kinds: tuple[type[Effect], ...]
     fit: Fit
     alone: Evidence
-    beside_discrepancy: Evidence
+    _beside: Callable[[], Evidence]
+
+    @cached_property
+    def beside_discrepancy(self) -> Evidence:
+        """Evidence with a discrepancy of unknown shape beside the effects; worked out when first asked for."""
+        return self._beside()
 
     @property
     def name(self) -> str:
@@ -32,10 +38,10 @@ class Candidate:
         return "+".join(kind.name for kind in self.kinds) or NONE
 
 
-def candidate(problem: Problem, discrepancy: Array, kinds: tuple[type[Effect], ...], fit: Fit) -> Candidate:
+def candidate(problem: Problem, discrepancy: list[Array], kinds: tuple[type[Effect], ...], fit: Fit) -> Candidate:
     """Weigh one fitted model."""
     noise = problem.noise
-    return Candidate(kinds, fit, evidence(fit, noise), evidence(fit, noise, discrepancy))
+    return Candidate(kinds, fit, evidence(fit, noise), lambda: evidence(fit, noise, discrepancy))
 
 
 def testable_effects(data: Measurements, switched_on: Sequence[Effect]) -> list[type[Effect]]:
@@ -46,7 +52,7 @@ def testable_effects(data: Measurements, switched_on: Sequence[Effect]) -> list[
 
 def fit_candidates(
     problem: Problem,
-    discrepancy: Array,
+    discrepancy: list[Array],
     base: Fit,
     kinds: Sequence[tuple[type[Effect], ...]],
     progress: Callable[[str], None],

@@ -40,13 +40,13 @@ def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | No
     `correlation`: of neighbouring rows in a session, in order of measurement. `inflation` [n]: of single rows' noise.
     """
     log_cof = np.log(data.columns["cof"])
-    scatter, degrees = _replicate_scatter(data, log_cof)
+    scatter, degrees = _replicate_scatter(data, log_cof, np.ones(data.count))
     warnings: list[str] = []
     if "cof_std" in data.columns:
         relative = data.columns["cof_std"] / data.columns["cof"]
         source = "cof_std"
         if degrees >= 4:
-            standard, degrees = _replicate_scatter(data, log_cof / relative)
+            standard, degrees = _replicate_scatter(data, log_cof, relative)
             ratio = float(np.sqrt(standard))
             if not 1.0 / 1.3 < ratio < 1.3:
                 warnings.append(f"replicates scatter {ratio:.2f} times as much as cof_std says; their scatter is used")
@@ -68,13 +68,13 @@ def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | No
     return Noise(relative, cholesky(covariance, lower=True), degrees_known, source, degrees, tuple(warnings))
 
 
-def _replicate_scatter(data: Measurements, values: Array) -> tuple[float, int]:
-    """Pooled variance within groups of replicates, and its degrees of freedom."""
+def _replicate_scatter(data: Measurements, values: Array, std: Array) -> tuple[float, int]:
+    """Pooled variance within groups of replicates, in units of `std` squared, and its degrees of freedom."""
     group = data.replicate_groups()
-    counts = np.bincount(group)
-    means = np.bincount(group, values) / counts
-    degrees = int(np.sum(counts - 1))
-    squares = np.sum((values - means[group]) ** 2)
+    weight = std**-2
+    means = np.bincount(group, values * weight) / np.bincount(group, weight)
+    degrees = int(np.sum(np.bincount(group) - 1))
+    squares = np.sum(((values - means[group]) / std) ** 2)
     return (float(squares / degrees) if degrees else 0.0), degrees
 
 

@@ -39,9 +39,10 @@ AXES = {
 }
 LOGARITHMIC = ("frequency_hz", "normal_force_n", "speed_m_s")
 DRIVEN_ONLY = ("frequency_hz",)
-MOST_CELLS = 12  # along one side of a map
+MOST_CELLS, MOST_RANGES = 12, 8  # along one side of a map: levels, or ranges where there are more levels
 MOST_BARS = 8
 LEAST_BAR = 1e-4
+LONGEST_NAME = 24
 OUTLINED = 2
 PLATE = {"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.75}
 
@@ -151,7 +152,7 @@ def _cells(values: Array, allowed: Mask) -> tuple[Array, list[str]]:
     if levels.size <= MOST_CELLS:
         groups = [np.array([level]) for level in levels]
     else:
-        groups = [g for g in np.array_split(levels, MOST_CELLS) if g.size]
+        groups = [g for g in np.array_split(levels, MOST_RANGES) if g.size]
     edges = np.array([g[0] for g in groups])
     cell = np.where(allowed, np.searchsorted(edges, values, side="right") - 1, -1)
     return cell, [_short(g[0]) if g.size == 1 else f"{_short(g[0])}–\n{_short(g[-1])}" for g in groups]
@@ -204,25 +205,26 @@ def residual_over_time(diagnosis: Diagnosis) -> Figure | None:
         return None
     panels = _before_after(diagnosis)
     figure, axes = plt.subplots(
-        1, len(panels), figsize=(5.2 * len(panels), 3.6), sharey=True, squeeze=False, layout="constrained"
+        1, len(panels), figsize=(max(8.2, 5.6 * len(panels)), 3.6), sharey=True, squeeze=False, layout="constrained"
     )
-    names, colours = data.session_names, plt.get_cmap("viridis")(np.linspace(0.05, 0.85, len(data.session_names)))
+    groups = [(f"session {_literal(name)}", data.session == i) for i, name in enumerate(data.session_names)]
+    if len(groups) > MOST_BARS:
+        groups = [("all sessions", np.ones(data.count, bool))]
+    colours = plt.get_cmap("viridis")(np.linspace(0.05, 0.85, len(groups)))
     time = data.columns["time_s"]
     unit, scale = ("h", 3600.0) if np.ptp(time) > 2e4 else ("min", 60.0) if np.ptp(time) > 600.0 else ("s", 1.0)
     for ax, (title, values) in zip(axes[0], panels, strict=True):
-        for s, (name, colour) in enumerate(zip(names, colours, strict=True)):
-            rows = np.flatnonzero(data.session == s)
+        for (name, inside), colour in zip(groups, colours, strict=True):
+            rows = np.flatnonzero(inside)
             rows = rows[np.argsort(time[rows], kind="stable")]
             ax.plot(time[rows] / scale, values[rows], ".", ms=3.5, color=colour, alpha=0.55)
-            smooth = _running_median(values[rows])
-            ax.plot(time[rows] / scale, smooth, "-", lw=1.8, color=colour, label=f"session {name}")
+            ax.plot(time[rows] / scale, _running_median(values[rows]), "-", lw=1.8, color=colour, label=name)
         ax.axhline(0.0, color=DATA, lw=0.8)
         ax.set_title(title, color=AFTER if title.startswith("with") else BEFORE, fontweight="bold")
         ax.set_xlabel(f"time, {unit}")
         ax.grid(alpha=0.25)
     axes[0][0].set_ylabel("measured minus predicted,\n% of friction")
-    if len(names) <= MOST_BARS:
-        axes[0][-1].legend(frameon=False, fontsize=8, loc="best")
+    axes[0][-1].legend(frameon=False, fontsize=8, loc="best")
     figure.suptitle("Does the difference drift? (lines: running median)", fontsize=11)
     return figure
 
@@ -344,7 +346,7 @@ def held_out(diagnosis: Diagnosis) -> Figure | None:
     if proof is None or not proof.before.size:
         return None
     count = proof.before.size
-    figure, ax = plt.subplots(figsize=(max(5.2, 1.3 * count + 2.4), 3.6), layout="constrained")
+    figure, ax = plt.subplots(figsize=(min(max(6.4, 1.3 * count + 2.4), 16.0), 3.6), layout="constrained")
     at = np.arange(count)
     both: list[tuple[str, Array, str, float]] = [("model as given", proof.before, BEFORE, -0.19)]
     if diagnosis.verdict is not None and diagnosis.verdict.chosen.kinds:
@@ -361,14 +363,19 @@ def held_out(diagnosis: Diagnosis) -> Figure | None:
         ax.set(yscale="log", ylim=(0.3, 2.0 * top))
     else:
         ax.set_ylim(0.0, 1.12 * top)
-    names = [f"session {n}" if proof.by == "session" else n for n in proof.folds[:count]]
-    ax.set_xticks(at, names, rotation=30 if count > 6 else 0)
+    names = [f"session {_literal(n)}" if proof.by == "session" else n for n in proof.folds[:count]]
+    ax.set_xticks(at, names, rotation=90 if count > 12 else 30 if count > 6 else 0)
     ax.set_ylabel("squared error per point,\nin units of the noise")
     ax.grid(alpha=0.25, axis="y")
     ax.set_axisbelow(True)
     ax.legend(frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     figure.suptitle(f"Proof: error on each {proof.by} while it was left out of the fit", fontsize=11)
     return figure
+
+
+def _literal(text: str) -> str:
+    """A name out of a file as it stands: not taken for a formula, and not too long."""
+    return (text if len(text) <= LONGEST_NAME else text[: LONGEST_NAME - 1] + "…").replace("$", r"\$")
 
 
 def _png(figure: Figure) -> bytes:

@@ -79,7 +79,7 @@ def prove(
         scores = [evidence(f, inner_noise).log_evidence - 3.0 * len(f.kinds) for f in fits]
         selected = fits[int(np.argmax(scores))]
         outer = Predictor(description, outside)
-        relative = noise.relative_std[fold == i] * np.sqrt(chosen.fit.scale2)
+        relative = noise.relative_std[fold == i] * chosen.beside_discrepancy.scale
         before.append(_error(outer, outside, (), base.vector, relative))
         after.append(_error(outer, outside, selected.kinds, selected.vector, relative))
         kept.append(selected.kinds == chosen.kinds)
@@ -91,7 +91,8 @@ def prove(
     rng = np.random.default_rng(seed)
     draws = rng.integers(0, a.size, (BOOTSTRAPS, a.size))
     closed = [_closed(a[d], b[d], w[d]) for d in draws]
-    low, high = np.nanpercentile(closed, [2.5, 97.5])
+    finite = np.array([c for c in closed if np.isfinite(c)])
+    low, high = np.percentile(finite, [2.5, 97.5]) if finite.size else (np.nan, np.nan)
     return Proof(by, tuple(names), a, b, _closed(a, b, w), (float(low), float(high)), float(np.mean(kept)))
 
 

@@ -1,7 +1,8 @@
 """The catch-all rival: the base model plus a smooth discrepancy of unknown shape, and evidences on one footing.
 
 The discrepancy of log friction is a Gaussian process with an additive squared-exponential kernel: one term per input
-that varies, one for frequency and voltage together. Terms in frequency and voltage act on driven rows only.
+that varies, for the force (driven rows) and for friction itself (all rows), and one for frequency together with each of
+voltage, time and speed.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from model.diagnosis.fit import Fit
 from model.diagnosis.noise import Noise
 
 LENGTH = 0.8  # of the kernel, in standardised inputs
-AMPLITUDES = (0.02, 0.05, 0.12, 0.3)  # of the discrepancy of log friction
+AMPLITUDES = (0.005, 0.012, 0.03, 0.08, 0.2)  # of the discrepancy of log friction
 MOST_DISTINCT = 220
 GRID = 0.05  # in standardised inputs
 NEGLIGIBLE = 1e-7  # eigenvalues of a kernel below this share of the largest
@@ -35,19 +36,23 @@ def standardised(data: Measurements, name: str) -> Array:
     return np.asarray(np.where(rows, (x - centre) / (spread if spread > 0 else 1.0), 0.0))
 
 
-def features(data: Measurements, noise: Noise) -> Array:
-    """Whitened features F [n, m] with F F' the whitened kernel at unit amplitude."""
+def features(data: Measurements, noise: Noise) -> list[Array]:
+    """Whitened features F [n, m] of every term (F F' is its kernel at unit amplitude); all terms together come last."""
     driven = data.driven.astype(float)[:, None]
     inputs = {name: standardised(data, name) for name in INPUTS if data.varies(name)}
     parts = []
     for name, x in inputs.items():
         part = _roots(x[:, None])
-        parts.append(part * driven if name in ("frequency_hz", "voltage_v") else part)
-    if "frequency_hz" in inputs and "voltage_v" in inputs:
-        parts.append(_roots(np.stack([inputs["frequency_hz"], inputs["voltage_v"]], axis=1)) * driven)
+        parts.append(part * driven)
+        if name not in ("frequency_hz", "voltage_v"):
+            parts.append(part)
+    for name in ("voltage_v", "time_s", "speed_m_s"):
+        if "frequency_hz" in inputs and name in inputs:
+            parts.append(_roots(np.stack([inputs["frequency_hz"], inputs[name]], axis=1)) * driven)
     if not parts:
-        return np.zeros((data.count, 0))
-    return noise.whiten(np.concatenate(parts, axis=1))
+        return [np.zeros((data.count, 0))]
+    whitened = [noise.whiten(part) for part in parts]
+    return [*whitened, np.concatenate(whitened, axis=1)]
 
 
 def _roots(x: Array) -> Array:
@@ -68,9 +73,10 @@ class Evidence:
     log_evidence: float
     scale: float
     amplitude: float
+    term: int = -1
 
 
-def evidence(fit: Fit, noise: Noise, discrepancy: Array | None = None) -> Evidence:
+def evidence(fit: Fit, noise: Noise, discrepancy: list[Array] | None = None) -> Evidence:
     """Evidence of a fitted model, linear around its most probable parameters; with `discrepancy` features too.
 
     Every model of a data set is judged by this one formula, so that differences mean something.
@@ -79,12 +85,21 @@ def evidence(fit: Fit, noise: Noise, discrepancy: Array | None = None) -> Eviden
     if discrepancy is None:
         logs = _by_scale(target, fit.jacobian, noise)
         return Evidence(float(logsumexp(logs)), float(SCALES[np.argmax(logs)]), 0.0)
-    per_amplitude = np.array(
-        [_by_scale(target, np.concatenate([fit.jacobian, a * discrepancy], axis=1), noise) for a in AMPLITUDES]
+    logs = np.array(
+        [
+            [_by_scale(target, np.concatenate([fit.jacobian, a * term], axis=1), noise) for a in AMPLITUDES]
+            for term in discrepancy
+        ]
     )
-    best = np.unravel_index(np.argmax(per_amplitude), per_amplitude.shape)
-    total = float(logsumexp(per_amplitude)) - float(np.log(len(AMPLITUDES)))
-    return Evidence(total, float(SCALES[best[1]]), AMPLITUDES[best[0]])
+    term, amplitude, scale = np.unravel_index(np.argmax(logs), logs.shape)
+    per_term = logsumexp(logs, axis=(1, 2)) - np.log(len(AMPLITUDES))
+    total = float(logsumexp(per_term + np.log(_shares(len(discrepancy)))))
+    return Evidence(total, float(SCALES[scale]), AMPLITUDES[amplitude], int(term))
+
+
+def _shares(count: int) -> Array:
+    """Prior of each term alone, and of all together: half and half."""
+    return np.append(np.full(count - 1, 0.5 / (count - 1)), 0.5) if count > 1 else np.ones(1)
 
 
 def _by_scale(target: Array, spread: Array, noise: Noise) -> Array:
@@ -101,11 +116,12 @@ def _by_scale(target: Array, spread: Array, noise: Noise) -> Array:
     return np.asarray(log_likelihood + log_prior + np.log(2.0 * np.log(SCALES[1] / SCALES[0])))
 
 
-def discrepancy_mean(fit: Fit, found: Evidence, discrepancy: Array) -> Array:
+def discrepancy_mean(fit: Fit, found: Evidence, discrepancy: list[Array]) -> Array:
     """The discrepancy that the catch-all sees beside a fitted model, whitened [n]: its posterior mean."""
-    spread = np.concatenate([fit.jacobian, found.amplitude * discrepancy], axis=1)
+    term = found.amplitude * discrepancy[found.term]
+    spread = np.concatenate([fit.jacobian, term], axis=1)
     target = fit.residual + fit.jacobian @ fit.vector
     inner = spread.T @ spread / found.scale**2 + np.eye(spread.shape[1])
     weights = np.linalg.solve(inner, spread.T @ target / found.scale**2)
     k = fit.vector.size
-    return np.asarray(found.amplitude * discrepancy @ weights[k:])
+    return np.asarray(term @ weights[k:])

@@ -28,10 +28,11 @@ APART = 25.0  # lambda_ij from which two effects count as told apart
 ALIKE = 9.0  # and below which they are one group
 DISCREPANCY_WINS = 3.0  # Bayes factor of effect + discrepancy against the effect alone
 LACK_OF_FIT = 0.005
-NEAR_NATS = 20.0  # rivals farther behind in evidence need no test of imitation
+NEAR_NATS = 12.0  # rivals farther behind in evidence are refuted by these very data
 SMALL_REMAINDER = 0.2  # of the effect's own signature
 PAIR_GAIN_NATS = 3.0
-MOST_EFFECTS = 3
+LEADERS = 6
+USUAL = 2.58  # prior standard deviations that hold 99 %
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def confusion(problem: Problem, winner: Candidate, rivals: list[Candidate]) -> d
 def decide(
     data: Measurements,
     problem: Problem,
-    discrepancy: Array,
+    discrepancy: list[Array],
     weighed: Weighed,
     base_scan: Disagreement,
     scan: Callable[[Candidate], Disagreement],
@@ -142,6 +143,9 @@ def decide(
 def _name_one(weighed: Weighed, winner: Candidate, group: list[str], probabilities: dict[str, float]) -> Verdict:
     members = [winner.name, *group]
     together = sum(probabilities[name] for name in members)
+    if probabilities[winner.name] >= SURE and not group and _unusual(winner):
+        why = f"{winner.name} would have to be stronger than 99 % of what is expected of it"
+        return Verdict("unexplained", False, weighed.base, probabilities, {}, (why,))
     if probabilities[winner.name] >= SURE and not group:
         return Verdict(
             "effect_found", True, winner, probabilities, {winner.name: []}, ("probability and separation are high",)
@@ -171,29 +175,41 @@ def _name_one(weighed: Weighed, winner: Candidate, group: list[str], probabiliti
     return Verdict("ambiguous", True, winner, probabilities, {winner.name: group}, ("no candidate is certain; ranked",))
 
 
+def _unusual(winner: Candidate) -> bool:
+    """Whether some parameter of the effect lies outside the central 99 % of its prior."""
+    count = sum(len(kind.parameters()) for kind in winner.kinds)
+    return bool(np.any(np.abs(winner.fit.vector[-count:]) > USUAL))
+
+
 def _best_pair(
-    problem: Problem, discrepancy: Array, weighed: Weighed, winner: Candidate, progress: Callable[[str], None]
+    problem: Problem, discrepancy: list[Array], weighed: Weighed, winner: Candidate, progress: Callable[[str], None]
 ) -> Candidate | None:
-    """The best two-effect model among those with the winner or two of the leaders in it."""
+    """The best second effect beside the winner, if it stands out among all second effects."""
     leaders = sorted(weighed.singles, key=lambda c: -c.alone.log_evidence)
     kinds = [(winner.kinds[0], c.kinds[0]) for c in leaders if c is not winner]
     fits = []
     for pair in kinds:
         progress("+".join(k.name for k in pair))
         fits.append(fit_candidates(problem, discrepancy, winner.fit, [pair], lambda _: None)[0])
-    return max(fits, key=lambda c: c.alone.log_evidence, default=None)
+    if not fits:
+        return None
+    best = max(fits, key=lambda c: c.alone.log_evidence)
+    others = logsumexp([c.alone.log_evidence for c in fits])
+    return best if np.exp(best.alone.log_evidence - others) >= SURE else None
 
 
 def _needed_beside_discrepancy(weighed: Weighed, winner: Candidate, group: list[str]) -> bool:
     """Whether the winner (or its group) is needed even with a discrepancy of unknown shape beside every model."""
     each = (1.0 - PRIOR_NONE - PRIOR_UNKNOWN) / (len(weighed.singles) + len(weighed.untestable))
     logs = {NONE: np.log(PRIOR_NONE) + weighed.base.beside_discrepancy.log_evidence}
-    logs |= {c.name: np.log(each) + c.beside_discrepancy.log_evidence for c in weighed.singles}
+    leaders = sorted(weighed.singles, key=lambda c: -c.alone.log_evidence)[:LEADERS]
+    leaders += [c for c in weighed.singles if c.name in group and c not in leaders]
+    logs |= {c.name: np.log(each) + c.beside_discrepancy.log_evidence for c in leaders}
     posterior = _normalised(logs)
-    return sum(posterior[name] for name in (winner.name, *group)) >= SURE
+    return sum(posterior.get(name, 0.0) for name in (winner.name, *group)) >= SURE
 
 
-def _remainder(problem: Problem, discrepancy: Array, winner: Candidate, base: Candidate) -> float:
+def _remainder(problem: Problem, discrepancy: list[Array], winner: Candidate, base: Candidate) -> float:
     """Size of the discrepancy beside the winner, as a share of what the winner explains (both whitened, squared)."""
     left = discrepancy_mean(winner.fit, winner.beside_discrepancy, discrepancy)
     explained = max(base.fit.chi2 - winner.fit.chi2, 1e-9)

@@ -130,6 +130,8 @@ def _scan(
     norms = np.linalg.norm(directions, axis=0)
     usable = norms > 1e-6 * np.sqrt(data.count)
     boxes = [box for box, ok in zip(boxes, usable, strict=True) if ok]
+    if not boxes:
+        return []
     directions = directions[:, usable] / norms[usable]
     largest = np.sort(np.abs(directions.T @ rng.standard_normal((data.count, DRAWS))).max(axis=0))
     raw = noise.lower @ residual * np.sqrt(fit.scale2)

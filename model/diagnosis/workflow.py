@@ -38,7 +38,7 @@ class Diagnosis:
     after: Disagreement | None
     proof: Proof | None
     problem: Problem | None
-    discrepancy: Array | None
+    discrepancy: list[Array] | None
     warnings: tuple[str, ...]
     seed: int
 
@@ -91,7 +91,7 @@ def _blocked(data: Measurements, noise: Noise | None) -> str:
 
 def _base(
     description: ModelDescription, data: Measurements, noise: Noise, warnings: list[str]
-) -> tuple[Noise, Problem, Array, Candidate]:
+) -> tuple[Noise, Problem, list[Array], Candidate]:
     """Fit the base model; once more with outliers widened and neighbours correlated, where residuals show either."""
     predictor, log_cof = Predictor(description, data), np.log(data.columns["cof"])
     start = np.zeros(len(NUISANCES))
@@ -106,7 +106,7 @@ def _base(
         discrepancy = features(data, noise)
         base = candidate(problem, discrepancy, (), problem.fit((), start))
         found = base.beside_discrepancy
-        spread = np.concatenate([base.fit.jacobian, found.amplitude * discrepancy], axis=1)
+        spread = np.concatenate([base.fit.jacobian, found.amplitude * discrepancy[found.term]], axis=1)
         target = base.fit.residual + base.fit.jacobian @ base.fit.vector
         inner = spread.T @ spread / found.scale**2 + np.eye(spread.shape[1])
         left = (target - spread @ np.linalg.solve(inner, spread.T @ target / found.scale**2)) / found.scale

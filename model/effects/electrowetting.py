@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from model.effects.base import Effect, Stage, log_parameter
 from model.parameters import TouchParameters
-from model.touch import Contact, Drive
+from model.touch import Contact, Drive, Values
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,10 @@ class Electrowetting(Effect):
 
     def contact(self, contact: Contact, parameters: TouchParameters, drive: Drive) -> Contact:
         """See `Effect`."""
-        saturating = drive.voltage_v**2 / (1.0 + (drive.voltage_v / self.saturation_v) ** 2)
         low_pass = 1.0 / (1.0 + (drive.frequency_hz / self.cutoff_hz) ** 2)
-        extra_pa = self.coefficient_pa_per_v2 * saturating * low_pass
+        square = self._saturating(drive.voltage_v) * low_pass + self._saturating(drive.voltage_offset_v)
+        extra_pa = self.coefficient_pa_per_v2 * square
         return replace(contact, added_pressure_pa=contact.added_pressure_pa + extra_pa)
+
+    def _saturating(self, voltage_v: Values) -> Values:
+        return voltage_v**2 / (1.0 + (voltage_v / self.saturation_v) ** 2)

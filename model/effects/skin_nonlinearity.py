@@ -23,7 +23,7 @@ class SkinNonlinearity(Effect):
     signature: ClassVar[str] = "a change at low frequency that grows faster than V^2"
     check: ClassVar[str] = "sweep the voltage at 10 Hz: friction rises less than with V^2"
 
-    voltage_scale_v: float = log_parameter("V", 10.0, 5.0, (1e-3, 1e9), off=float("inf"))
+    voltage_scale_v: float = log_parameter("V", 50.0, 6.0, (1e-3, 1e9), off=float("inf"))
 
     def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:
         """See `Effect`."""

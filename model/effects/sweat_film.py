@@ -5,27 +5,39 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import numpy as np
+
 from model.dielectrics import EPS0
-from model.effects.base import Effect, Stage, log_parameter
+from model.effects.base import Effect, Stage, linear_parameter, log_parameter
 from model.parameters import TouchParameters
 from model.touch import Branch, Drive
 
 
 @dataclass(frozen=True)
 class SweatFilm(Effect):
-    """k_gap -> (1 - phi) k_gap + phi (80 + sigma_s/(j w eps0))."""
+    """A share phi of the gap has k = 80 + sigma_s/(j w eps0); how it lies there is a parameter.
+
+    Films between air and skin are in series with the air, columns from skin to screen in parallel with it. In between,
+    k^m = (1 - phi) k_air^m + phi k_sweat^m with m = -1 (series) to 1 (parallel), Lichtenecker's rule; the field in the
+    air is (k/k_air)^((1 - m)/2) times the mean field of the gap, exact at both ends.
+    """
 
     name: ClassVar[str] = "sweat_film"
     stage: ClassVar[Stage] = "air gap"
     physics: ClassVar[str] = "sweat fills a share of the air gap"
-    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
-    signature: ClassVar[str] = "less force, most at low frequency"
+    source: ClassVar[str] = "starting point of the catalogue; ranges unverified; mixing after Lichtenecker"
+    signature: ClassVar[str] = "columns of sweat: less force, most at low frequency; films: narrower gaps, more force"
     check: ClassVar[str] = "wipe the finger dry and repeat at once"
 
-    share: float = log_parameter("1", 0.01, 4.0, (1e-9, 0.9), off=0.0)
-    sweat_conductivity_s_per_m: float = log_parameter("S/m", 1e-2, 30.0, (1e-10, 1e2), off=1.0)
+    share: float = log_parameter("1", 0.03, 5.0, (1e-9, 0.7), off=0.0)
+    sweat_conductivity_s_per_m: float = log_parameter("S/m", 0.3, 4.0, (1e-6, 3.0), off=1.0)
+    arrangement: float = linear_parameter("1", 0.0, 0.7, (-1.0, 1.0), off=1.0)
 
     def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:
         """See `Effect`."""
         sweat = 80.0 + self.sweat_conductivity_s_per_m / (1j * branch.omega * EPS0)
-        return replace(branch, k_gap=(1.0 - self.share) * branch.k_gap + self.share * sweat)
+        m = np.where(np.abs(self.arrangement) < 1e-3, 1e-3, self.arrangement)  # stands for the rule's limit at 0
+        air = branch.k_gap
+        mixed = air * (1.0 + self.share * ((sweat / air) ** m - 1.0)) ** (1.0 / m)
+        gain = (mixed / air) ** (0.5 * (1.0 - self.arrangement))
+        return replace(branch, k_gap=mixed, field_gain=branch.field_gain * gain)

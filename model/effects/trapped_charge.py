@@ -5,13 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from model.effects.base import Effect, Stage, log_parameter
+import numpy as np
+
+from model.effects.base import Effect, Stage, linear_parameter, log_parameter
 from model.touch import Drive
 
 
 @dataclass(frozen=True)
 class TrappedCharge(Effect):
-    """Mean square V^2/2 -> V^2/2 + V_s^2; for a biased drive (V_dc - V_s)^2."""
+    """Mean square V^2/2 -> V^2/2 + V_s^2; for a biased drive (V_dc - V_s)^2.
+
+    How much of it acts while nothing is driven, when leakage may screen it, is a parameter.
+    """
 
     name: ClassVar[str] = "trapped_charge"
     stage: ClassVar[Stage] = "pressure"
@@ -20,8 +25,11 @@ class TrappedCharge(Effect):
     signature: ClassVar[str] = "attraction that remains without voltage; polarity of a bias matters"
     check: ClassVar[str] = "wipe the screen with a grounded damp cloth; reverse a steady voltage"
 
-    surface_voltage_v: float = log_parameter("V", 20.0, 2.2, (1e-3, 1e4), off=0.0)
+    surface_voltage_v: float = log_parameter("V", 20.0, 2.5, (1e-3, 1e4), off=0.0)
+    share_at_rest: float = linear_parameter("1", 0.5, 0.4, (0.0, 1.0), off=0.0)
 
     def drive(self, drive: Drive) -> Drive:
         """See `Effect`."""
-        return replace(drive, surface_voltage_v=self.surface_voltage_v)
+        driven = (drive.voltage_v != 0.0) | (drive.voltage_offset_v != 0.0)
+        acting = np.where(driven, self.surface_voltage_v, self.surface_voltage_v * np.sqrt(self.share_at_rest))
+        return replace(drive, surface_voltage_v=acting)

@@ -13,9 +13,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import erf, erfc
 
+from model.chain import prepare
+from model.description import ModelDescription, read_model
 from model.gap_table import gap_table
-from model.parameters import ModelDescription, read_model
-from model.touch_model import TouchModel
+from model.layers import branch, leak_per_m_pa
+from model.pressure import GapCircuit
+from model.touch_model import Conditions, TouchModel
 
 MODELS = Path(__file__).parents[2] / "configs" / "models"
 REFERENCE = Path(__file__).parent / "reference.json"
@@ -71,6 +74,88 @@ def variant(
         return fresh_tables(TouchModel(replace(description, parameters=parameters, **own)))
 
     return make
+
+
+@dataclass(frozen=True)
+class Scales:
+    """A finger's scales of pressure and of length: Y* q0 h_rms (Pa) and h_rms (m)."""
+
+    pressure_pa: float
+    length_m: float
+
+
+@pytest.fixture(scope="session")
+def scales_of() -> Callable[[TouchModel], Scales]:
+    def of(model: TouchModel) -> Scales:
+        v = model.description.values
+        return Scales(v.effective_modulus_pa * v.roll_off_wavenumber_per_m * v.roughness_rms_m, v.roughness_rms_m)
+
+    return of
+
+
+@dataclass(frozen=True)
+class Stack:
+    """What the gap's field depends on, per frequency: E(u) = V/(a u + k_gap h), a = 1 + leak p h."""
+
+    omega: NDArray
+    h_m: NDArray
+    k_gap: NDArray
+    leak_per_m_pa: NDArray
+
+
+@pytest.fixture(scope="session")
+def stack_of() -> Callable[[TouchModel, NDArray], Stack]:
+    """The layers of a model without effects at frequencies of any shape."""
+
+    def of(model: TouchModel, frequency_hz: NDArray) -> Stack:
+        v = model.description.values
+        b = branch(v, model.description.dielectric, frequency_hz)
+        return Stack(b.omega, b.h_m(v), b.k_gap, leak_per_m_pa(v, b))
+
+    return of
+
+
+@pytest.fixture(scope="session")
+def circuit_of() -> Callable[..., GapCircuit]:
+    """A circuit from scales, (stack, mean square voltage) of each branch and load, all but the scales [n]."""
+
+    def of(
+        scales: Scales, branches: list[tuple[Any, NDArray]], load_pa: NDArray, **changes: NDArray | float
+    ) -> GapCircuit:
+        shape = np.shape(load_pa)
+
+        def by_branch(values: list[NDArray], dtype: type) -> NDArray:
+            return np.stack([np.broadcast_to(np.asarray(v, dtype), shape) for v in values], axis=1)
+
+        rest = {"gap_shift_m": 0.0, "added_pa": 0.0, "field_limit_v_per_m": np.inf, **changes}
+        return GapCircuit(
+            pressure_scale_pa=np.full(shape, scales.pressure_pa),
+            length_scale_m=np.full(shape, scales.length_m),
+            h_m=by_branch([s.h_m for s, _ in branches], complex),
+            k_gap=by_branch([s.k_gap for s, _ in branches], complex),
+            bypass_per_m=np.zeros((*shape, len(branches)), complex),
+            leak_per_m_pa=by_branch([s.leak_per_m_pa for s, _ in branches], complex),
+            mean_square_v2=by_branch([v for _, v in branches], float),
+            crest_square=np.full((*shape, len(branches)), 2.0),
+            load_pa=np.asarray(load_pa, float),
+            **{name: np.array(np.broadcast_to(np.asarray(v, float), shape)) for name, v in rest.items()},
+        )
+
+    return of
+
+
+@pytest.fixture(scope="session")
+def sine_circuit() -> Callable[..., GapCircuit]:
+    """The circuit of a model as the chain prepares it, for sines; everything broadcasts."""
+
+    def of(model: TouchModel, frequency_hz: Any, voltage_v: Any, load_pa: Any) -> GapCircuit:
+        description = model.description
+        load_n = np.asarray(load_pa) * description.values.contact_area_m2
+        columns = np.broadcast_arrays(*(np.atleast_1d(np.asarray(x, float)) for x in (frequency_hz, voltage_v, load_n)))
+        drive = Conditions(*columns).drive()
+        return prepare(description.values, description.dielectric, description.effects, drive).circuit
+
+    return of
 
 
 @dataclass(frozen=True)

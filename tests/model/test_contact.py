@@ -11,8 +11,12 @@ FINGERS = ("reference", "table1")
 U = np.exp(np.arange(np.log(1e-12), np.log(60.0), 0.02))  # gaps in h_rms; d u = u 0.02
 
 
-def shape_and_scales(models, name):
-    return models[name].table.shape, models[name].scales
+@pytest.fixture
+def shape_and_scales(models, scales_of):
+    def of(name: str):
+        return models[name].table.shape, scales_of(models[name])
+
+    return of
 
 
 def integral_of_density(distribution, power: int = 0) -> float:
@@ -20,8 +24,8 @@ def integral_of_density(distribution, power: int = 0) -> float:
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_area_and_mean_gap_against_reference(models, reference, name: str) -> None:
-    shape, scales = shape_and_scales(models, name)
+def test_area_and_mean_gap_against_reference(shape_and_scales, reference, name: str) -> None:
+    shape, scales = shape_and_scales(name)
     contact = reference[name]["contact"]
     p_hat = contact["pressure_pa"] / scales.pressure_pa
     np.testing.assert_allclose(area_ratio(shape, p_hat), contact["area_ratio"], rtol=2e-3)  # reference: 0.05 %
@@ -30,8 +34,8 @@ def test_area_and_mean_gap_against_reference(models, reference, name: str) -> No
 
 
 @pytest.mark.parametrize(("name", "mean_gap_um", "ratio"), [("reference", 43.8, 1.785e-4), ("table1", 66.6, 1.941e-4)])
-def test_headline_values_at_5_kpa(models, name: str, mean_gap_um: float, ratio: float) -> None:
-    shape, scales = shape_and_scales(models, name)
+def test_headline_values_at_5_kpa(shape_and_scales, name: str, mean_gap_um: float, ratio: float) -> None:
+    shape, scales = shape_and_scales(name)
     p_hat = 5e3 / scales.pressure_pa
     assert mean_gap(shape, p_hat) * scales.length_m == pytest.approx(mean_gap_um * 1e-6, abs=0.05e-6)  # last digit
     assert float(area_ratio(shape, p_hat)) == pytest.approx(ratio, abs=6e-8)  # last digit
@@ -39,8 +43,8 @@ def test_headline_values_at_5_kpa(models, name: str, mean_gap_um: float, ratio: 
 
 @pytest.mark.parametrize("name", FINGERS)
 @pytest.mark.parametrize("pressure_pa", [1e3, 5e3, 3e4, 1e5])
-def test_gaps_fill_all_the_area_that_is_not_in_contact(models, name: str, pressure_pa: float) -> None:
-    shape, scales = shape_and_scales(models, name)
+def test_gaps_fill_all_the_area_that_is_not_in_contact(shape_and_scales, name: str, pressure_pa: float) -> None:
+    shape, scales = shape_and_scales(name)
     d = gap_distribution(shape, pressure_pa / scales.pressure_pa)
     # 2e-4 is asked of the theory; a grid that misses zeta -> 1 loses nearly all of it
     assert integral_of_density(d) == pytest.approx(1.0 - d.area_ratio, abs=2e-4)
@@ -48,17 +52,17 @@ def test_gaps_fill_all_the_area_that_is_not_in_contact(models, name: str, pressu
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_mean_of_the_distribution_is_the_mean_separation(models, name: str) -> None:
+def test_mean_of_the_distribution_is_the_mean_separation(shape_and_scales, name: str) -> None:
     """(48) and (45) are two roads to the mean gap; the theory joins them to about 1 % only."""
-    shape, scales = shape_and_scales(models, name)
+    shape, scales = shape_and_scales(name)
     d = gap_distribution(shape, 5e3 / scales.pressure_pa)
     assert integral_of_density(d, power=1) == pytest.approx(d.mean_gap, rel=1e-2)
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_nearly_all_the_area_leaves_contact_at_the_first_magnifications(models, name: str) -> None:
+def test_nearly_all_the_area_leaves_contact_at_the_first_magnifications(shape_and_scales, name: str) -> None:
     """The trap of a grid in log zeta: 92 to 99 % of the nominal area has left contact before zeta = 1.1."""
-    shape, scales = shape_and_scales(models, name)
+    shape, scales = shape_and_scales(name)
     p_hat = 5e3 / scales.pressure_pa
     k = 2.0 - 2.0 * shape.hurst
     still = erf(p_hat / np.sqrt(shape.hurst * (1.1**k - 1.0) / k))  # (42)-(43) at zeta = 1.1
@@ -70,8 +74,8 @@ def test_nearly_all_the_area_leaves_contact_at_the_first_magnifications(models, 
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_mean_separation_against_the_printed_equations(models, printed_theory, name: str) -> None:
-    shape, scales = shape_and_scales(models, name)
+def test_mean_separation_against_the_printed_equations(models, shape_and_scales, printed_theory, name: str) -> None:
+    shape, scales = shape_and_scales(name)
     theory = printed_theory(models[name])
     for pressure_pa in (2e3, 2e4, 2e5):
         slow = theory.at_zeta_one(pressure_pa)

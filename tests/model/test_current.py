@@ -4,8 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from model.contact import gap_distribution
-from model.current import sliding_current_rms_a, stuck_current_rms_a
+from model.current import sliding_current_per_v, stuck_current_per_v
 from model.dielectrics import EPS0
+from model.touch_model import Conditions
 
 FINGERS = ("reference", "table1")
 LOG_U = np.arange(np.log(1e-12), np.log(60.0), 0.05)
@@ -22,13 +23,30 @@ def layer_impedances(model, frequency_hz: float) -> tuple[complex, complex]:
     return insulator, v.skin_thickness_m / (jw * EPS0 * k_skin)
 
 
+@pytest.fixture(scope="module")
+def sliding_rms_a(scales_of, stack_of, circuit_of):
+    """Current of the sliding finger, A rms, of frequencies, rms voltages and total pressures that broadcast."""
+
+    def current(model, frequency_hz, voltage_rms_v, pressure_pa, area_m2: float) -> np.ndarray:
+        f, v, p = np.broadcast_arrays(*(np.asarray(x, float) for x in (frequency_hz, voltage_rms_v, pressure_pa)))
+        s, flat = stack_of(model, f.ravel()), np.array(p).ravel()
+        circuit = circuit_of(scales_of(model), [(s, v.ravel() ** 2)], flat)
+        per_v = sliding_current_per_v(model.table, circuit, flat, s.omega[:, None])
+        assert per_v.shape == (f.size, 1)
+        return area_m2 * v * per_v[:, 0].reshape(f.shape)
+
+    return current
+
+
 @pytest.mark.parametrize("name", FINGERS)
 @given(f=frequencies, p=st.floats(3.0, 5.5).map(lambda e: 10.0**e))
 @settings(max_examples=25, deadline=None)
-def test_sliding_current_is_the_mean_over_the_gaps(models, name: str, f: float, p: float) -> None:
+def test_sliding_current_is_the_mean_over_the_gaps(
+    models, scales_of, stack_of, sliding_rms_a, name: str, f: float, p: float
+) -> None:
     """A ladder of admittances for each gap: insulator, then air beside the leak, then skin; averaged with P(u)."""
     model = models[name]
-    s, scales = model.stack(np.array([f])), model.scales
+    s, scales = stack_of(model, np.array([f])), scales_of(model)
     insulator, skin = layer_impedances(model, f)
     jw = 2j * np.pi * f
     alpha = s.leak_per_m_pa[0] * p * jw * EPS0
@@ -37,54 +55,71 @@ def test_sliding_current_is_the_mean_over_the_gaps(models, name: str, f: float, 
     air = (jw * EPS0 + model.description.values.air_conductivity_s_per_m) / (u_hat * scales.length_m)
     density = 1.0 / (insulator + skin + 1.0 / (air + alpha))
     expected = AREA_M2 * abs(np.sum(density * mass)) * 30.0
-    got = sliding_current_rms_a(model.table, scales, s, np.array([30.0]), np.array([p]), AREA_M2)
+    got = sliding_rms_a(model, [f], 30.0, p, AREA_M2)
     assert got[0] == pytest.approx(expected, rel=2e-4)  # interpolation 1e-4; the area of P is known to 1e-4 of itself
 
 
 @given(f=frequencies)
 @settings(max_examples=50, deadline=None)
-def test_stuck_current_is_limited_by_insulator_and_skin(models, f: float) -> None:
+def test_stuck_current_is_limited_by_insulator_and_skin(models, stack_of, f: float) -> None:
     model = models["reference"]
     expected = AREA_M2 * 30.0 / abs(sum(layer_impedances(model, f)))
-    got = stuck_current_rms_a(model.stack(np.array([f])), np.array([30.0]), AREA_M2)
+    s = stack_of(model, np.array([f]))
+    got = AREA_M2 * 30.0 * stuck_current_per_v(s.h_m, s.omega)
     assert got[0] == pytest.approx(expected, rel=1e-12)  # rounding
 
 
 @pytest.mark.parametrize("name", FINGERS)
 @given(f=frequencies, p=st.floats(3.0, 5.5).map(lambda e: 10.0**e))
 @settings(max_examples=40, deadline=None)
-def test_a_sliding_finger_never_draws_more_than_a_stuck_one(models, name: str, f: float, p: float) -> None:
+def test_a_sliding_finger_never_draws_more_than_a_stuck_one(
+    models, stack_of, sliding_rms_a, name: str, f: float, p: float
+) -> None:
     model = models[name]
-    s, v = model.stack(np.array([f])), np.array([30.0])
-    sliding = sliding_current_rms_a(model.table, model.scales, s, v, np.array([p]), AREA_M2)
-    assert 0.0 < sliding[0] <= stuck_current_rms_a(s, v, AREA_M2)[0]
+    s = stack_of(model, np.array([f]))
+    sliding = sliding_rms_a(model, [f], 30.0, p, AREA_M2)
+    assert 0.0 < sliding[0] <= AREA_M2 * 30.0 * stuck_current_per_v(s.h_m, s.omega)[0]
 
 
-def test_currents_are_proportional_to_voltage_and_area(models) -> None:
-    model = models["table1"]
-    s, p = model.stack(np.array([250.0, 1e4])), np.array([5e3, 5e3])
-    for current in (
-        lambda v, a: sliding_current_rms_a(model.table, model.scales, s, np.full(2, v), p, a),
-        lambda v, a: stuck_current_rms_a(s, np.full(2, v), a),
-    ):
-        np.testing.assert_allclose(current(20.0, 3e-4), 6.0 * current(10.0, 1e-4), rtol=1e-12)  # rounding
+def test_currents_are_proportional_to_voltage_and_area(variant, sliding_rms_a) -> None:
+    """Of the whole model; the sliding one at the same total pressure."""
+    f = np.array([250.0, 1e4])
+    models = {area: variant("table1", contact_area_m2=area) for area in (1e-4, 3e-4)}
+
+    def predicted(voltage_v: float, area_m2: float):
+        return models[area_m2].predict(Conditions(f, np.full(2, voltage_v), np.full(2, 5e3 * area_m2)))
+
+    one, six = predicted(10.0, 1e-4), predicted(20.0, 3e-4)
+    np.testing.assert_allclose(six.stuck_current_rms_a, 6.0 * one.stuck_current_rms_a, rtol=1e-12)  # rounding
+    for voltage_v, area_m2, got in ((10.0, 1e-4, one), (20.0, 3e-4, six)):
+        pressure_pa = 5e3 + got.electrostatic_force_n / area_m2
+        expected = sliding_rms_a(models[area_m2], f, voltage_v / np.sqrt(2.0), pressure_pa, area_m2)
+        np.testing.assert_allclose(got.current_rms_a, expected, rtol=1e-12)
+    at_one_volt = sliding_rms_a(models[1e-4], f, 1.0, 5e3, 1.0)
+    np.testing.assert_allclose(sliding_rms_a(models[3e-4], f, 20.0, 5e3, 3e-4), 6e-3 * at_one_volt, rtol=1e-12)
 
 
-def test_without_equilibrium_there_is_no_sliding_current(models) -> None:
-    model = models["table1"]
-    s = model.stack(np.array([250.0]))
-    got = sliding_current_rms_a(model.table, model.scales, s, np.array([75.0]), np.array([np.nan, 5e3]), AREA_M2)
+def test_without_equilibrium_there_is_no_sliding_current(models, sliding_rms_a) -> None:
+    got = sliding_rms_a(models["table1"], 250.0, 75.0, np.array([np.nan, 5e3]), AREA_M2)
     np.testing.assert_array_equal(np.isnan(got), [True, False])
 
 
-def test_grids_broadcast(models) -> None:
+def test_grids_broadcast(models, scales_of, stack_of, circuit_of, sliding_rms_a) -> None:
+    """Rows [n] and branches [n, c] each by themselves, as a surface asks for them."""
     model = models["table1"]
-    s = model.stack(np.array([50.0, 250.0, 1e4])).reshaped((-1, 1, 1))
+    f = np.array([50.0, 250.0, 1e4]).reshape(-1, 1, 1)
     pressure = np.linspace(2e3, 2e4, 8).reshape(1, 2, 4)
     volts = np.array([10.0, 20.0])[:, None]
-    grid = sliding_current_rms_a(model.table, model.scales, s, volts, pressure, AREA_M2)
+    grid = sliding_rms_a(model, f, volts, pressure, AREA_M2)
     assert grid.shape == (3, 2, 4)
-    one = sliding_current_rms_a(
-        model.table, model.scales, model.stack(np.array([250.0])), np.array([20.0]), pressure[0, 1, 2:3], AREA_M2
-    )
+    one = sliding_rms_a(model, [250.0], 20.0, pressure[0, 1, 2:3], AREA_M2)
     assert grid[1, 1, 2] == pytest.approx(one[0], rel=1e-14)  # rounding
+    s = stack_of(model, f.ravel())
+    whole = circuit_of(scales_of(model), [(s, np.ones(3)), (s, np.ones(3))], np.full(3, 5e3)).repeated(8)
+    rows = np.tile(pressure.ravel(), 3)
+    per_v = sliding_current_per_v(model.table, whole, rows, np.repeat(s.omega, 8)[:, None])
+    assert per_v.shape == (24, 2)
+    np.testing.assert_array_equal(per_v[:, 0], per_v[:, 1])
+    np.testing.assert_allclose(AREA_M2 * volts * per_v[:, 0].reshape(3, 2, 4), grid, rtol=1e-14)
+    stuck = stuck_current_per_v(s.h_m.reshape(-1, 1, 1), s.omega.reshape(-1, 1, 1))
+    assert stuck.shape == (3, 1, 1)

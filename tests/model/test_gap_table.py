@@ -1,3 +1,6 @@
+import io
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,6 +14,7 @@ from model.roughness import SelfAffineShape
 FINGERS = ("reference", "table1")
 SHAPE = SelfAffineShape(0.8, 1e4, 0.45)
 NODES = (85, 121, 15, 3)
+GAPS = module.gap_nodes().size
 
 
 def look_up(table: GapTable, p_hat: float, z_hat: complex) -> tuple[float, complex]:
@@ -25,8 +29,8 @@ def direct(shape: SelfAffineShape, p_hat: float, z_hat: complex) -> tuple[float,
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_gap_integrals_against_reference(models, reference, name: str) -> None:
-    table, scales = models[name].table, models[name].scales
+def test_gap_integrals_against_reference(models, scales_of, reference, name: str) -> None:
+    table, scales = models[name].table, scales_of(models[name])
     r = reference[name]["gap_integrals"]
     k = [
         look_up(table, p / scales.pressure_pa, h / scales.length_m)[0] / scales.length_m**2
@@ -43,8 +47,10 @@ def test_gap_integrals_against_reference(models, reference, name: str) -> None:
         ("reference", 2e5, 2e-5 * np.exp(1.5j)),
     ],
 )
-def test_direct_quadrature_against_the_printed_equations(models, printed_theory, name, pressure_pa, z_m) -> None:
-    scales = models[name].scales
+def test_direct_quadrature_against_the_printed_equations(
+    models, scales_of, printed_theory, name, pressure_pa, z_m
+) -> None:
+    scales = scales_of(models[name])
     slow_k, slow_l, slow_mass = printed_theory(models[name]).gap_integrals(pressure_pa, z_m)
     k, l = direct(models[name].table.shape, pressure_pa / scales.pressure_pa, z_m / scales.length_m)  # noqa: E741
     # the slow side differentiates by central differences of step 1e-3: 2e-7 of a derivative, a few of them
@@ -54,14 +60,14 @@ def test_direct_quadrature_against_the_printed_equations(models, printed_theory,
     assert slow_mass == pytest.approx(not_in_contact, rel=1e-6)
 
 
-def test_one_table_serves_another_finger(models, printed_theory, variant) -> None:
+def test_one_table_serves_another_finger(models, scales_of, printed_theory, variant) -> None:
     """K(p, z) = h^-2 K^(p/(Y* q0 h), z/h): three times the height, a fifth of q0 and q1, half the modulus."""
     other = variant(
         roughness_rms_m=60e-6, roll_off_wavenumber_per_m=200.0, cut_off_wavenumber_per_m=2e9, skin_modulus_pa=5e6
     )
     assert other.table is models["reference"].table
     slow_k, slow_l, _ = printed_theory(other).gap_integrals(4e3, 2e-6 * np.exp(0.4j))
-    scales = other.scales
+    scales = scales_of(other)
     k, l = look_up(other.table, 4e3 / scales.pressure_pa, 2e-6 * np.exp(0.4j) / scales.length_m)  # noqa: E741
     assert k / scales.length_m**2 == pytest.approx(slow_k, rel=1e-4)  # interpolation
     assert l / scales.length_m == pytest.approx(slow_l, rel=1e-4)
@@ -155,18 +161,34 @@ def test_grid_of_gaps_has_converged(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(l, finer_l, rtol=1e-6)
 
 
+def save(path: Path, **changes: np.ndarray) -> None:
+    np.savez(path, **{"values": np.full(NODES, 0.25), "mass": np.full((NODES[0], GAPS), 0.5), **changes})
+
+
+def plain_array() -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, np.full(NODES, 0.25))
+    return stream.getvalue()
+
+
+def flip(path: Path, position: float) -> None:
+    content = bytearray(path.read_bytes())
+    content[int(position * len(content))] ^= 0xFF
+    path.write_bytes(content)
+
+
 class TestCache:
-    """`build_values` is replaced by a constant: what counts here is where numbers are kept."""
+    """`build_table` is replaced by constants: what counts here is where numbers are kept."""
 
     @pytest.fixture
     def builds(self, monkeypatch: pytest.MonkeyPatch) -> list[SelfAffineShape]:
         calls: list[SelfAffineShape] = []
 
-        def build(shape: SelfAffineShape) -> np.ndarray:
+        def build(shape: SelfAffineShape) -> GapTable:
             calls.append(shape)
-            return np.full(NODES, 0.25)
+            return GapTable(shape, np.full(NODES, 0.25), np.full((NODES[0], GAPS), 0.5))
 
-        monkeypatch.setattr(module, "build_values", build)
+        monkeypatch.setattr(module, "build_table", build)
         return calls
 
     def load(self, folder) -> GapTable:
@@ -176,11 +198,12 @@ class TestCache:
         first, second = self.load(tmp_path / "new" / "folder"), self.load(tmp_path / "new" / "folder")
         assert len(builds) == 1
         np.testing.assert_array_equal(second.values, first.values)
+        np.testing.assert_array_equal(second.mass, first.mass)
         assert second.content_hash == first.content_hash
 
     def test_nothing_but_the_finished_file_is_left(self, tmp_path, builds) -> None:
         table = self.load(tmp_path)
-        assert [p.name for p in tmp_path.iterdir()] == [f"gap-table-{table.content_hash}.npy"]
+        assert [p.name for p in tmp_path.iterdir()] == [f"gap-table-{table.content_hash}.npz"]
 
     @pytest.mark.parametrize(
         "damage",
@@ -188,24 +211,34 @@ class TestCache:
             lambda path: path.write_bytes(path.read_bytes()[:-100]),
             lambda path: path.write_bytes(path.read_bytes()[:60]),
             lambda path: path.write_bytes(b"not an array at all"),
-            lambda path: np.save(path, np.zeros((3, 3))),
-            lambda path: np.save(path, np.full(NODES, np.nan)),
-            lambda path: np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True),
-            pytest.param(
-                lambda path: path.write_bytes(b""),
-            ),
-            pytest.param(
-                lambda path: np.save(path, np.full(NODES, "text")),
-            ),
+            lambda path: save(path, values=np.zeros((3, 3))),
+            lambda path: save(path, values=np.full(NODES, np.nan)),
+            lambda path: save(path, values=np.array([{"a": 1}], dtype=object)),
+            lambda path: path.write_bytes(b""),
+            lambda path: save(path, values=np.full(NODES, "text")),
+            lambda path: save(path, mass=np.zeros((NODES[0], GAPS - 1))),
+            lambda path: save(path, mass=np.full((NODES[0], GAPS), np.inf)),
+            lambda path: save(path, mass=np.full((NODES[0], GAPS), "text")),
+            lambda path: np.savez(path, values=np.full(NODES, 0.25)),
+            lambda path: path.write_bytes(plain_array()),
+            lambda path: flip(path, 0.5),
+            lambda path: flip(path, 0.001),
         ],
-        ids=["cut", "header-cut", "text", "shape", "nan", "pickle", "empty", "strings"],
-    )
+        ids=[
+            "cut", "header-cut", "text", "shape", "nan", "pickle", "empty", "strings", "mass-shape", "mass-inf",
+            "mass-strings", "no-mass", "plain-array", "flipped-byte", "flipped-header",
+        ],
+    )  # fmt: skip
     def test_a_damaged_or_foreign_file_is_built_again(self, tmp_path, builds, damage) -> None:
-        path = tmp_path / f"gap-table-{self.load(tmp_path).content_hash}.npy"
+        path = tmp_path / f"gap-table-{self.load(tmp_path).content_hash}.npz"
         damage(path)
-        np.testing.assert_array_equal(self.load(tmp_path).values, np.full(NODES, 0.25))
+        table = self.load(tmp_path)
+        np.testing.assert_array_equal(table.values, np.full(NODES, 0.25))
+        np.testing.assert_array_equal(table.mass, np.full((NODES[0], GAPS), 0.5))
         assert len(builds) == 2
-        np.testing.assert_array_equal(np.load(path), np.full(NODES, 0.25))  # and mended on disk
+        with np.load(path) as mended:  # on disk too
+            np.testing.assert_array_equal(mended["values"], np.full(NODES, 0.25))
+            np.testing.assert_array_equal(mended["mass"], np.full((NODES[0], GAPS), 0.5))
 
     def test_a_cache_that_cannot_be_written_is_done_without(self, tmp_path, builds) -> None:
         in_the_way = tmp_path / "file"
@@ -213,22 +246,22 @@ class TestCache:
         assert self.load(in_the_way).values.shape == NODES
 
     def test_a_failed_write_leaves_the_old_file(self, tmp_path, builds, monkeypatch: pytest.MonkeyPatch) -> None:
-        def full_disk(file, values) -> None:
+        def full_disk(file, **arrays) -> None:
             file.write(b"half")
             raise OSError(28, "No space left on device")
 
-        old = tmp_path / "table.npy"
+        old = tmp_path / "table.npz"
         old.write_bytes(b"old")
-        monkeypatch.setattr(module.np, "save", full_disk)
-        module._write(old, np.zeros(3))
+        monkeypatch.setattr(module.np, "savez", full_disk)
+        module._write(old, GapTable(SHAPE, np.zeros(3), np.zeros(3)))
         assert old.read_bytes() == b"old"
 
     def test_a_failed_write_leaves_no_part(self, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
-        def full_disk(file, values) -> None:
+        def full_disk(file, **arrays) -> None:
             raise OSError(28, "No space left on device")
 
-        monkeypatch.setattr(module.np, "save", full_disk)
-        module._write(tmp_path / "table.npy", np.zeros(3))
+        monkeypatch.setattr(module.np, "savez", full_disk)
+        module._write(tmp_path / "table.npz", GapTable(SHAPE, np.zeros(3), np.zeros(3)))
         assert list(tmp_path.iterdir()) == []
 
     def test_each_shape_and_each_grid_has_its_own_file(self, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -238,20 +271,27 @@ class TestCache:
             SelfAffineShape(0.8, 2e4, 0.45),
             SelfAffineShape(0.8, 1e4, 0.5),
         ]
-        hashes = [GapTable(s, np.zeros(NODES)).content_hash for s in shapes]
-        assert GapTable(SelfAffineShape(0.8, 1e4, 0.45), np.ones(1)).content_hash == hashes[0]
-        for constant, value in (("FORMAT", -1), ("MAGNIFICATION_STEP", 0.1), ("LOG_P_AXIS", (0.0, 1.0, 85))):
+        hashes = [GapTable(s, np.zeros(NODES), np.zeros(3)).content_hash for s in shapes]
+        assert GapTable(SelfAffineShape(0.8, 1e4, 0.45), np.ones(1), np.ones(1)).content_hash == hashes[0]
+        for constant, value in (
+            ("FORMAT", -1),
+            ("MAGNIFICATION_STEP", 0.1),
+            ("LOG_P_AXIS", (0.0, 1.0, 85)),
+            ("LOG_U_AXIS", (0.0, 1.0, 0.1)),
+        ):
             with monkeypatch.context() as patch:
                 patch.setattr(module, constant, value)
-                hashes.append(GapTable(SHAPE, np.zeros(NODES)).content_hash)
+                hashes.append(GapTable(SHAPE, np.zeros(NODES), np.zeros(3)).content_hash)
         assert len(set(hashes)) == len(hashes)
 
     def test_environment_names_the_folder(self, tmp_path, builds, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv("HAPTIC_CACHE_DIR", str(tmp_path / "own"))
         table = gap_table.__wrapped__(SHAPE)
-        assert (tmp_path / "own" / f"gap-table-{table.content_hash}.npy").is_file()
+        assert (tmp_path / "own" / f"gap-table-{table.content_hash}.npz").is_file()
 
 
 @pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
 def test_a_smooth_shape_has_a_finite_table() -> None:
-    assert np.isfinite(module.build_values(SelfAffineShape(0.8, 2.0, 0.45))).all()
+    table = module.build_table(SelfAffineShape(0.8, 2.0, 0.45))
+    assert np.isfinite(table.values).all()
+    assert np.isfinite(table.mass).all()

@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from model.description import ModelDescription, read_model
 from model.dielectrics import GABRIEL_DRY, GABRIEL_WET, PowerLaw, Tabulated
 from model.errors import ModelError, nearest
-from model.parameters import SPECIFICATION, ModelDescription, TouchParameters, read_model
+from model.parameters import SPECIFICATION, TouchParameters
 
 MODELS = Path(__file__).parents[2] / "configs" / "models"
 SHIPPED = (MODELS / "reference.toml").read_text(encoding="utf-8")

@@ -6,13 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from model.dielectrics import EPS0
-from model.gap_table import LOG_P_AXIS, GapTable, axis, gap_integrals
-from model.layers import Stack
-from model.pressure import ContactScales, solve, solve_grid
+from model.gap_table import LOG_P_AXIS, GapTable, axis, gap_integrals, gap_nodes
+from model.pressure import GapCircuit, solve, solve_grid
 from model.roughness import SelfAffineShape
 
 FINGERS = ("reference", "table1")
-UNIT = ContactScales(1.0, 1.0)
 
 # A soft and nearly smooth finger on a thin insulator, all numbers within their ranges: its V(p_e) turns back.
 FOLDING = {
@@ -30,19 +28,38 @@ FOLDING = {
 }
 
 
-def gain_by_quadrature(model, frequency_hz: float, pressure_pa: float) -> float:
+@pytest.fixture(scope="module")
+def gain_by_quadrature(scales_of, stack_of):
     """Pressure per mean square volt, (eps0/2) int P/|a u + b|^2 du, past the table."""
-    s, scales = model.stack(np.array([frequency_hz])), model.scales
-    a = 1.0 + s.leak_per_m_pa[0] * pressure_pa * s.h_m[0]
-    z = s.k_gap[0] * s.h_m[0] / a
-    z = complex(z.real, abs(z.imag))
-    k_hat = gap_integrals(model.table.shape, pressure_pa / scales.pressure_pa, np.array([z / scales.length_m]))[0][0]
-    return 0.5 * EPS0 * float(k_hat) / (scales.length_m * abs(a)) ** 2
+
+    def gain(model, frequency_hz: float, pressure_pa: float) -> float:
+        s, scales = stack_of(model, np.array([frequency_hz])), scales_of(model)
+        a = 1.0 + s.leak_per_m_pa[0] * pressure_pa * s.h_m[0]
+        z = s.k_gap[0] * s.h_m[0] / a
+        z = complex(z.real, abs(z.imag))
+        z_hat = np.array([z / scales.length_m])
+        k_hat = gap_integrals(model.table.shape, pressure_pa / scales.pressure_pa, z_hat)[0][0]
+        return 0.5 * EPS0 * float(k_hat) / (scales.length_m * abs(a)) ** 2
+
+    return gain
 
 
-def solve_sine(model, frequency_hz: float, voltage_v: np.ndarray, load_pa: float) -> np.ndarray:
-    s = model.stack(np.full(voltage_v.size, frequency_hz))
-    return solve(model.table, model.scales, [(s, voltage_v**2 / 2.0)], np.full(voltage_v.size, load_pa))
+@pytest.fixture(scope="module")
+def solve_sine(sine_circuit):
+    def solved(model, frequency_hz: float, voltage_v: np.ndarray, load_pa: float) -> np.ndarray:
+        return solve(model.table, sine_circuit(model, frequency_hz, voltage_v, load_pa))
+
+    return solved
+
+
+@pytest.fixture(scope="module")
+def solve_sine_grid(sine_circuit):
+    """A surface; the circuit's own voltage and load do not matter."""
+
+    def solved(model, frequency_hz: np.ndarray, voltage_v: np.ndarray, load_pa: np.ndarray):
+        return solve_grid(model.table, sine_circuit(model, frequency_hz, 1.0, 1e4), voltage_v, load_pa)
+
+    return solved
 
 
 @pytest.mark.parametrize("name", FINGERS)
@@ -52,7 +69,9 @@ def solve_sine(model, frequency_hz: float, voltage_v: np.ndarray, load_pa: float
     load=st.floats(5e2, 2e4),
 )
 @settings(max_examples=40, deadline=None)
-def test_pressure_satisfies_its_own_loop(models, name: str, f: float, v: float, load: float) -> None:
+def test_pressure_satisfies_its_own_loop(
+    models, solve_sine, gain_by_quadrature, name: str, f: float, v: float, load: float
+) -> None:
     model = models[name]
     p_e = float(solve_sine(model, f, np.array([v]), load)[0])
     assert p_e > 0.0
@@ -62,7 +81,7 @@ def test_pressure_satisfies_its_own_loop(models, name: str, f: float, v: float, 
 
 @pytest.mark.parametrize("name", FINGERS)
 @pytest.mark.parametrize("frequency_hz", [10.0, 250.0, 1e4])
-def test_voltage_rises_with_pressure_up_to_1_mpa(models, name: str, frequency_hz: float) -> None:
+def test_voltage_rises_with_pressure_up_to_1_mpa(models, gain_by_quadrature, name: str, frequency_hz: float) -> None:
     """No fold for the shipped fingers: V(p_e) = sqrt(p_e/g) by quadrature alone."""
     p_e = np.geomspace(1.0, 1e6, 60)
     square = [p / (gain_by_quadrature(models[name], frequency_hz, 5e3 + p) / 2.0) for p in p_e]
@@ -70,10 +89,10 @@ def test_voltage_rises_with_pressure_up_to_1_mpa(models, name: str, frequency_hz
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_grid_and_single_conditions_agree(models, name: str) -> None:
+def test_grid_and_single_conditions_agree(models, solve_sine_grid, solve_sine, name: str) -> None:
     model = models[name]
     f, v, load = np.geomspace(1.0, 1e6, 7), np.array([0.0, 20.0, 75.0, 150.0]), np.array([1e3, 5e3, 2e4])
-    grid = solve_grid(model.table, model.scales, model.stack(f), v, load)
+    grid = solve_sine_grid(model, f, v, load)
     assert np.isinf(grid.pull_in_voltage_v).all()
     for i, frequency in enumerate(f):
         for n, p0 in enumerate(load):
@@ -83,7 +102,9 @@ def test_grid_and_single_conditions_agree(models, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_light_attraction_grows_with_the_square_of_the_voltage(models, name: str) -> None:
+def test_light_attraction_grows_with_the_square_of_the_voltage(
+    models, solve_sine, gain_by_quadrature, name: str
+) -> None:
     p_e = solve_sine(models[name], 250.0, np.array([0.01, 0.1, 1.0]), 5e3)
     # p_e/p0 = 4e-5 at 1 V; below that, p_e is a difference of numbers known to 1e-10 p0: 2e-2 at 0.01 V
     assert p_e[2] / p_e[1] == pytest.approx(100.0, rel=1e-3)
@@ -91,19 +112,19 @@ def test_light_attraction_grows_with_the_square_of_the_voltage(models, name: str
     assert p_e[2] == pytest.approx(0.5 * gain_by_quadrature(models[name], 250.0, 5e3), rel=2e-4)  # and interpolation
 
 
-def test_without_voltage_there_is_no_attraction(models) -> None:
+def test_without_voltage_there_is_no_attraction(models, solve_sine_grid, solve_sine) -> None:
     model = models["reference"]
     assert solve_sine(model, 250.0, np.zeros(1), 5e3)[0] == 0.0
-    sine = model.stack(np.array([250.0]))
-    grid = solve_grid(model.table, model.scales, sine, np.zeros(1), np.array([5e3]))
+    grid = solve_sine_grid(model, np.array([250.0]), np.zeros(1), np.array([5e3]))
     assert grid.electrostatic_pressure_pa[0, 0, 0] == 0.0
 
 
-def test_components_add_their_mean_squares(models) -> None:
+def test_components_add_their_mean_squares(models, scales_of, stack_of, circuit_of) -> None:
     model = models["reference"]
-    s = model.stack(np.array([250.0]))
-    whole = solve(model.table, model.scales, [(s, np.array([3000.0]))], np.array([5e3]))
-    parts = solve(model.table, model.scales, [(s, np.array([1000.0])), (s, np.array([2000.0]))], np.array([5e3]))
+    s, load = stack_of(model, np.array([250.0])), np.array([5e3])
+    one, two, three = (np.array([v]) for v in (1000.0, 2000.0, 3000.0))
+    whole = solve(model.table, circuit_of(scales_of(model), [(s, three)], load))
+    parts = solve(model.table, circuit_of(scales_of(model), [(s, one), (s, two)], load))
     assert parts[0] == pytest.approx(whole[0], rel=1e-8)  # the loop is closed to 1e-10 of the total
 
 
@@ -115,18 +136,35 @@ class TestMadeUpContact:
     def table(self, log_k: Callable[[np.ndarray], np.ndarray]) -> GapTable:
         values = np.zeros(self.NODES)
         values[..., 0] = log_k(axis(LOG_P_AXIS))[:, None, None]
-        return GapTable(SelfAffineShape(0.7, 1e7, 0.45), values)
+        mass = np.zeros((self.NODES[0], gap_nodes().size))
+        return GapTable(SelfAffineShape(0.7, 1e7, 0.45), values, mass)
 
     @staticmethod
-    def stack(n: int) -> Stack:
-        return Stack(np.ones(n), np.ones(n, complex), np.ones(n, complex), np.zeros(n, complex))
+    def circuit(mean_square: np.ndarray, load: float) -> GapCircuit:
+        n = mean_square.size
+        one, zero, layers = np.ones(n), np.zeros(n), np.ones((n, 1), complex)
+        return GapCircuit(
+            pressure_scale_pa=one,
+            length_scale_m=one,
+            h_m=layers,
+            k_gap=layers,
+            bypass_per_m=0.0 * layers,
+            leak_per_m_pa=0.0 * layers,
+            mean_square_v2=mean_square[:, None],
+            crest_square=np.full((n, 1), 2.0),
+            gap_shift_m=zero,
+            load_pa=np.full(n, load),
+            added_pa=zero,
+            field_limit_v_per_m=np.full(n, np.inf),
+        )
 
     def single(self, log_k, mean_square: np.ndarray, load: float) -> np.ndarray:
-        n = mean_square.size
-        return solve(self.table(log_k), UNIT, [(self.stack(n), mean_square)], np.full(n, load))
+        return solve(self.table(log_k), self.circuit(mean_square, load))
 
     def grid(self, log_k, mean_square: np.ndarray, load: float):
-        return solve_grid(self.table(log_k), UNIT, self.stack(1), np.sqrt(2.0 * mean_square), np.array([load]))
+        return solve_grid(
+            self.table(log_k), self.circuit(np.ones(1), load), np.sqrt(2.0 * mean_square), np.array([load])
+        )
 
     def test_linear_gain(self) -> None:
         """p = p0 + B p: p_e = p0 B/(1 - B); no equilibrium from B = 1 on."""
@@ -212,14 +250,14 @@ def folding(variant):
 
 
 @pytest.fixture(scope="module")
-def load_pa(folding) -> float:
-    return FOLDING_LOAD * folding.scales.pressure_pa
+def load_pa(folding, scales_of) -> float:
+    return FOLDING_LOAD * scales_of(folding).pressure_pa
 
 
 @pytest.fixture(scope="module")
-def curve(folding, load_pa) -> tuple[np.ndarray, np.ndarray]:
+def curve(folding, load_pa, scales_of, gain_by_quadrature) -> tuple[np.ndarray, np.ndarray]:
     """p_e and V(p_e) by quadrature; V has a maximum, falls by 5e-4 and rises again."""
-    p = np.exp(np.linspace(np.log(1.01 * FOLDING_LOAD), np.log(9.9), 250)) * folding.scales.pressure_pa
+    p = np.exp(np.linspace(np.log(1.01 * FOLDING_LOAD), np.log(9.9), 250)) * scales_of(folding).pressure_pa
     gain = np.array([gain_by_quadrature(folding, FOLDING_FREQUENCY_HZ, x) / 2.0 for x in p])
     return p - load_pa, np.sqrt((p - load_pa) / gain)
 
@@ -231,28 +269,25 @@ class TestPullIn:
         assert turns.size == 2
         assert v[turns[0] + 1] > 1.0003 * v[turns[1] + 1]
 
-    def test_the_fold_is_found_and_nothing_past_it_is_given(self, folding, load_pa, curve) -> None:
+    def test_the_fold_is_found_and_nothing_past_it_is_given(self, folding, solve_sine_grid, load_pa, curve) -> None:
         _, v = curve
         fold = v[np.flatnonzero(np.diff(v) < 0.0)[0]]
         voltage = fold * np.array([0.5, 0.9, 0.9995, 1.0005, 1.05, 2.0])
-        grid = solve_grid(
-            folding.table, folding.scales, folding.stack(np.array([FOLDING_FREQUENCY_HZ])), voltage, np.array([load_pa])
-        )
+        grid = solve_sine_grid(folding, np.array([FOLDING_FREQUENCY_HZ]), voltage, np.array([load_pa]))
         assert grid.pull_in_voltage_v[0, 0] == pytest.approx(fold, rel=1e-4)  # table against quadrature
         np.testing.assert_array_equal(
             np.isnan(grid.electrostatic_pressure_pa[0, :, 0]), [False, False, False, True, True, True]
         )
 
-    def test_between_the_folds_the_lowest_branch_is_taken(self, folding, load_pa, curve) -> None:
+    def test_between_the_folds_the_lowest_branch_is_taken(
+        self, folding, solve_sine_grid, solve_sine, load_pa, curve
+    ) -> None:
         p_e, v = curve
         top, bottom = np.flatnonzero(np.diff(v) < 0.0)[[0, -1]] + np.array([0, 1])
         between = v[bottom] + 0.7 * (v[top] - v[bottom])
         roots = np.count_nonzero(np.diff(np.sign(v - between)))
         assert roots == 3
-        grid = solve_grid(
-            folding.table, folding.scales, folding.stack(np.array([FOLDING_FREQUENCY_HZ])), np.array([between]),
-            np.array([load_pa]),
-        )  # fmt: skip
+        grid = solve_sine_grid(folding, np.array([FOLDING_FREQUENCY_HZ]), np.array([between]), np.array([load_pa]))
         first = p_e[np.flatnonzero(v > between)[0]]
         # the curve is flat here: 1e-4 of V is a tenth of p_e, and the next root is four times as far
         assert grid.electrostatic_pressure_pa[0, 0, 0] == pytest.approx(first, rel=0.3)
@@ -273,7 +308,7 @@ class TestPullIn:
         assert np.isfinite(surface.stuck_current_rms_a).all()
         assert not surface.within_theory[0, 1:, 0].any()
 
-    def test_single_conditions_are_pulled_in_too(self, folding, load_pa, curve) -> None:
+    def test_single_conditions_are_pulled_in_too(self, folding, solve_sine, load_pa, curve) -> None:
         _, v = curve
         fold = v[np.flatnonzero(np.diff(v) < 0.0)[0]]
         assert np.isnan(
@@ -281,7 +316,7 @@ class TestPullIn:
         ).all()
 
 
-def test_a_pressure_beyond_the_table_has_no_answer(models) -> None:
+def test_a_pressure_beyond_the_table_has_no_answer(models, solve_sine, gain_by_quadrature) -> None:
     """400 V and 5 kPa lead to 1.1 MPa; 1000 V beyond the table's 2.7 MPa."""
     p_e = solve_sine(models["reference"], 250.0, np.array([400.0, 1000.0, 5000.0]), 5e3)
     assert p_e[0] == pytest.approx(
@@ -290,9 +325,9 @@ def test_a_pressure_beyond_the_table_has_no_answer(models) -> None:
     assert np.isnan(p_e[1:]).all()
 
 
-def test_a_load_beyond_the_table_has_no_answer(models) -> None:
+def test_a_load_beyond_the_table_has_no_answer(models, solve_sine_grid, solve_sine, scales_of) -> None:
     model = models["reference"]
-    load = np.array([11.0 * model.scales.pressure_pa])
+    load = np.array([11.0 * scales_of(model).pressure_pa])
     assert np.isnan(solve_sine(model, 250.0, np.array([75.0]), load[0])).all()
-    grid = solve_grid(model.table, model.scales, model.stack(np.array([250.0])), np.array([75.0]), load)
+    grid = solve_sine_grid(model, np.array([250.0]), np.array([75.0]), load)
     assert np.isnan(grid.electrostatic_pressure_pa).all()

@@ -27,13 +27,18 @@ def force(model: TouchModel, *args, **kwargs) -> np.ndarray:
     return model.predict(conditions(*args, **kwargs)).electrostatic_force_n
 
 
-def k_by_quadrature(model: TouchModel, pressure_pa: float, z_m: complex) -> float:
+@pytest.fixture
+def k_by_quadrature(scales_of):
     """int P/|u + z|^2 du in 1/m2, past the table."""
-    scales = model.scales
-    k_hat = gap_integrals(
-        model.table.shape, pressure_pa / scales.pressure_pa, np.array([z_m / scales.length_m], complex)
-    )
-    return float(k_hat[0][0]) / scales.length_m**2
+
+    def k(model: TouchModel, pressure_pa: float, z_m: complex) -> float:
+        scales = scales_of(model)
+        k_hat = gap_integrals(
+            model.table.shape, pressure_pa / scales.pressure_pa, np.array([z_m / scales.length_m], complex)
+        )
+        return float(k_hat[0][0]) / scales.length_m**2
+
+    return k
 
 
 @pytest.mark.parametrize("name", FINGERS)
@@ -91,7 +96,7 @@ class TestHeadline:
 
 class TestLimits:
     @pytest.mark.parametrize("frequency_hz", [1.0, 250.0, 1e5])
-    def test_without_leak_it_is_a_series_capacitor(self, models, variant, frequency_hz: float) -> None:
+    def test_without_leak_it_is_a_series_capacitor(self, variant, k_by_quadrature, frequency_hz: float) -> None:
         """Impedances of insulator and skin in series with the gap, nothing beside it; air conducts next to nothing."""
         model = variant(leak_scale=0.0, air_conductivity_s_per_m=0.0)
         v = model.description.values
@@ -113,7 +118,7 @@ class TestLimits:
         # the law is reached up to the slow rise of K |z| towards z = 0: a few per cent per decade
         assert forces[3] / forces[2] == pytest.approx(0.1, rel=0.2)
 
-    def test_highest_frequencies_see_permittivities_only(self, variant) -> None:
+    def test_highest_frequencies_see_permittivities_only(self, variant, k_by_quadrature) -> None:
         model = variant(dielectric=ColeCole("plain", "made up", 50.0, (), 2e-4))
         f_e = force(model, 1e9, KEY_VOLTAGE_V, KEY_LOAD_N)[0]
         total = (KEY_LOAD_N + f_e) / AREA_M2
@@ -122,17 +127,20 @@ class TestLimits:
         assert f_e == pytest.approx(expected, rel=2e-4)  # interpolation, and sigma/(w eps0 eps) = 7e-5 of the skin
 
     @pytest.mark.parametrize("name", FINGERS)
-    def test_direct_current_is_finite_and_the_end_of_slow_square_waves(self, models, name: str) -> None:
+    def test_direct_current_is_finite_and_the_end_of_slow_square_waves(
+        self, models, scales_of, stack_of, circuit_of, name: str
+    ) -> None:
         model = models[name]
         dc = force(model, 0.0, KEY_VOLTAGE_V, KEY_LOAD_N, waveform="dc")
         assert np.isfinite(dc).all()
         assert dc > 0.0
-        slow = pressure.solve(
-            model.table, model.scales, [(model.stack(np.array([1e-8])), np.array([KEY_VOLTAGE_V**2]))], np.array([5e3])
+        circuit = circuit_of(
+            scales_of(model), [(stack_of(model, np.array([1e-8])), np.array([KEY_VOLTAGE_V**2]))], np.array([5e3])
         )
+        slow = pressure.solve(model.table, circuit)
         assert slow * AREA_M2 == pytest.approx(dc, rel=1e-3)  # 1e-8 Hz against 1.8e-4 Hz of the slowest layer
 
-    def test_direct_current_is_the_resistive_divider(self, models) -> None:
+    def test_direct_current_is_the_resistive_divider(self, models, k_by_quadrature) -> None:
         model = models["reference"]
         f_e = force(model, 0.0, KEY_VOLTAGE_V, KEY_LOAD_N, waveform="dc")[0]
         total = (KEY_LOAD_N + f_e) / AREA_M2

@@ -1,0 +1,191 @@
+"""Score the diagnosis workflow, and two baselines, on sets whose labels it never sees.
+
+`python -m tests.blind.evaluate --sets DIR --out FILE.md` diagnoses DIR/sets/*.csv, opens DIR/labels.json only afterwards,
+and writes a table with Wilson intervals by visibility.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+VISIBLE = ((0, 12), (12, 35), (35, 75), (75, 200), (200, math.inf))
+MODEL = Path(__file__).resolve().parents[2] / "configs" / "models" / "reference.toml"
+
+
+class Answer(NamedTuple):
+    """What one set got: the workflow's verdict, and the names that two baselines give."""
+
+    verdict: str
+    names: tuple[str, ...]
+    group: tuple[str, ...]
+    top: str
+    probability: float
+    aicc: str
+    chi2: str
+    error: str = ""
+
+
+def answer(path: str) -> Answer:
+    """Diagnose one file."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from model.description import read_model
+    from model.diagnosis.data import read_measurements
+    from model.diagnosis.workflow import diagnose
+
+    try:
+        found = diagnose(read_model(MODEL), read_measurements(Path(path)))
+    except Exception as error:
+        return Answer("error", (), (), "none", 0.0, "none", "none", repr(error))
+    if found.verdict is None or found.weighed is None:
+        return Answer("not_testable", (), (), "none", 0.5, "none", "none")
+    verdict = found.verdict
+    named = verdict.verdict in ("effect_found", "ambiguous")
+    names = tuple(kind.name for kind in verdict.chosen.kinds) if named else ()
+    group = tuple(name for members in verdict.group.values() for name in members) if named else ()
+    top, probability = next(iter(verdict.probabilities.items()))
+    return Answer(
+        verdict.verdict, names, group, top, probability, _aicc(found.weighed, found.data.count), _chi2(found.weighed)
+    )
+
+
+def _aicc(weighed: Any, n: int) -> str:
+    """Least AICc among none and the single effects."""
+
+    def score(candidate: Any) -> float:
+        k = candidate.fit.vector.size
+        return float(candidate.fit.chi2 + 2 * k + 2 * k * (k + 1) / max(n - k - 1, 1))
+
+    return str(min([weighed.base, *weighed.singles], key=score).name)
+
+
+def _chi2(weighed: Any) -> str:
+    """The effect with the least chi-square, whatever it is worth."""
+    return str(min(weighed.singles, key=lambda c: c.fit.chi2).name)
+
+
+def wilson(hits: int, count: int) -> str:
+    """A rate with its 95 % Wilson interval, in percent."""
+    if not count:
+        return "-"
+    z, p = 1.96, hits / count
+    centre = (p + z * z / (2 * count)) / (1 + z * z / count)
+    half = z * math.sqrt(p * (1 - p) / count + z * z / (4 * count * count)) / (1 + z * z / count)
+    return f"{100 * p:.0f} ({100 * max(centre - half, 0):.0f}..{100 * min(centre + half, 1):.0f}), {hits}/{count}"
+
+
+def calibration_error(answers: dict[str, Answer], labels: dict[str, Any]) -> float:
+    """Expected calibration error of the most probable answer, ten bins; strangers are right as `unknown`."""
+    bins: dict[int, list[tuple[float, float]]] = {}
+    for name, got in answers.items():
+        effects = labels[name]["effects"]
+        if len(effects) > 1 or got.verdict in ("error", "not_testable"):
+            continue
+        truth = "none" if not effects else "unknown" if effects[0]["stranger"] else effects[0]["name"]
+        bins.setdefault(min(int(got.probability * 10), 9), []).append((got.probability, float(got.top == truth)))
+    total = sum(len(b) for b in bins.values())
+    return sum(abs(sum(p for p, _ in b) - sum(h for _, h in b)) for b in bins.values()) / max(total, 1)
+
+
+def table(answers: dict[str, Answer], labels: dict[str, Any]) -> str:
+    """Everything as Markdown."""
+    rows = [(labels[name], got) for name, got in answers.items()]
+    null = [got for label, got in rows if not label["effects"]]
+    strange = [(label, got) for label, got in rows if any(e["stranger"] for e in label["effects"])]
+    single = [(label, got) for label, got in rows if len(label["effects"]) == 1 and not label["effects"][0]["stranger"]]
+    double = [(label, got) for label, got in rows if len(label["effects"]) > 1]
+    lines = [
+        f"{len(rows)} sets; every rate in percent with its 95 % Wilson interval and counts.",
+        "",
+        "## Nothing hidden",
+        "",
+    ]
+    lines += ["| | rate |", "|---|---|"]
+    lines.append(
+        f"| a name is given (`effect_found`) | {wilson(sum(g.verdict == 'effect_found' for g in null), len(null))} |"
+    )
+    lines.append(
+        f"| candidates are listed (`ambiguous`) | {wilson(sum(g.verdict == 'ambiguous' for g in null), len(null))} |"
+    )
+    lines.append(f"| AICc names something | {wilson(sum(g.aicc != 'none' for g in null), len(null))} |")
+    lines += ["", "## One effect hidden, by visibility", ""]
+    lines += [
+        "| lambda | right effect or its group | named rightly | named wrongly | AICc right | chi-square right |",
+        "|---|---|---|---|---|---|",
+    ]
+    for low, high in VISIBLE:
+        part = [(l_["effects"][0]["name"], g) for l_, g in single if low <= l_["effects"][0]["lambda"] < high]
+        n = len(part)
+        right = sum(t in (*g.names, *g.group) for t, g in part)
+        named = sum(g.verdict == "effect_found" and t in g.names for t, g in part)
+        wrong = sum(g.verdict == "effect_found" and t not in g.names for t, g in part)
+        lines.append(
+            f"| {low}..{high} | {wilson(right, n)} | {wilson(named, n)} | {wilson(wrong, n)} | "
+            f"{wilson(sum(g.aicc == t for t, g in part), n)} | {wilson(sum(g.chi2 == t for t, g in part), n)} |"
+        )
+    lines += ["", "## Outside the catalogue, by what the catalogue leaves unexplained", ""]
+    lines += ["| lambda_left | `unexplained` | named (`effect_found`) | AICc names something |", "|---|---|---|---|"]
+    for low, high in ((0, 25), (25, 100), (100, math.inf)):
+        part2 = [g for l_, g in strange if low <= l_.get("lambda_left", 0.0) < high]
+        n = len(part2)
+        lines.append(
+            f"| {low}..{high} | {wilson(sum(g.verdict == 'unexplained' for g in part2), n)} | "
+            f"{wilson(sum(g.verdict == 'effect_found' for g in part2), n)} | {wilson(sum(g.aicc != 'none' for g in part2), n)} |"
+        )
+    if double:
+        both = sum(set(e["name"] for e in l_["effects"]) <= {*g.names, *g.group} for l_, g in double)
+        some = sum(any(e["name"] in (*g.names, *g.group) for e in l_["effects"]) for l_, g in double)
+        wrong = sum(
+            g.verdict == "effect_found" and not {e["name"] for e in l_["effects"]} & set(g.names) for l_, g in double
+        )
+        lines += ["", "## Two effects hidden", "", "| | rate |", "|---|---|"]
+        lines.append(f"| both found | {wilson(both, len(double))} |")
+        lines.append(f"| at least one found | {wilson(some, len(double))} |")
+        lines.append(f"| only wrong names | {wilson(wrong, len(double))} |")
+    lines += ["", "## By family", "", "| family | sets | verdicts |", "|---|---|---|"]
+    for family in sorted({l_["family"] for l_, _ in rows}):
+        got = [g.verdict for l_, g in rows if l_["family"] == family]
+        counts = ", ".join(f"{v} {got.count(v)}" for v in sorted(set(got)))
+        lines.append(f"| {family} | {len(got)} | {counts} |")
+    lines += [
+        "",
+        f"Expected calibration error of the most probable answer: {calibration_error(answers, labels):.3f}",
+        "",
+    ]
+    misnamed = [
+        f"- {name}: hidden {[e['name'] for e in labels[name]['effects']] or 'nothing'}, named {list(got.names)}"
+        for name, got in answers.items()
+        if got.verdict == "effect_found" and not {e["name"] for e in labels[name]["effects"]} & set(got.names)
+    ]
+    lines += ["## Every wrong name", "", *(misnamed or ["none"]), ""]
+    errors = [f"- {name}: {got.error}" for name, got in answers.items() if got.error]
+    return "\n".join(lines + (["## Errors", "", *errors, ""] if errors else []))
+
+
+def run(sets: Path, workers: int) -> dict[str, Answer]:
+    """Diagnose every set; labels stay closed."""
+    files = sorted((sets / "sets").glob("*.csv"))
+    with ProcessPoolExecutor(workers) as pool:
+        return dict(zip((f.name for f in files), pool.map(answer, map(str, files)), strict=True))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--sets", type=Path, required=True)
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--workers", type=int, default=2)
+    given = parser.parse_args()
+    answers = run(given.sets, given.workers)
+    text = table(answers, json.loads((given.sets / "labels.json").read_text()))
+    if given.out:
+        given.out.write_text("# Diagnosis on blind data, as measured\n\n" + text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Independent generator of friction measurements with hidden effects."""

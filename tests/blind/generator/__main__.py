@@ -1,0 +1,86 @@
+"""Write blind sets: python -m tests.blind.generator --out DIR --seed N --scale 0.1 [--families F0,F1] [--ci]."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from .build import BlindSet, Spec, build
+from .families import COUNTS, ci_specs, specs
+
+CI_SEED = 20231
+WHOLE = {"session", "trial"}
+
+
+def csv_text(columns: dict[str, np.ndarray]) -> str:
+    """One line per row, numbers with six digits."""
+    table = [[f"{int(x)}" if name in WHOLE else f"{x:.6g}" for x in values] for name, values in columns.items()]
+    lines = [",".join(columns)] + [",".join(cells) for cells in zip(*table, strict=True)]
+    return "\n".join(lines) + "\n"
+
+
+def write(sets: list[BlindSet], out: Path, seed: int) -> None:
+    """Number the sets in shuffled order, so that a file's name says nothing, and seal the labels by their hash."""
+    folder = out / "sets"
+    folder.mkdir(parents=True, exist_ok=True)
+    order = np.random.default_rng([seed, 5]).permutation(len(sets))
+    digits = max(3, len(str(len(sets))))
+    labels = {}
+    for place, which in enumerate(order, start=1):
+        name = f"{place:0{digits}d}.csv"
+        (folder / name).write_text(csv_text(sets[which].columns), encoding="utf-8")
+        labels[name] = sets[which].label
+    text = json.dumps(labels, indent=1) + "\n"
+    (out / "labels.json").write_text(text, encoding="utf-8")
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    (out / "labels.sha256").write_text(f"{digest}  labels.json\n", encoding="utf-8")
+
+
+def generate(wanted: list[Spec], seed: int, workers: int = 1) -> list[BlindSet]:
+    """Build the sets, in order, on `workers` processes."""
+    one = partial(build, seed=seed)
+    if workers == 1:
+        return [one(spec) for spec in wanted]
+    with ProcessPoolExecutor(workers) as pool:
+        return list(pool.map(one, wanted))
+
+
+def _options(argv: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m tests.blind.generator", description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, help="folder for sets/, labels.json and labels.sha256")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--scale", type=float, default=0.1, help="share of the full counts")
+    parser.add_argument("--families", default="", help="comma-separated, of " + ",".join(COUNTS))
+    parser.add_argument("--counts", default="", help="exact numbers instead of --scale, as F0=15,F1=33")
+    parser.add_argument("--ci", action="store_true", help="the fixed 24 sets; seed, scale and families are ignored")
+    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
+    options = parser.parse_args(argv)
+    named = [n.partition("=")[0] for n in f"{options.families},{options.counts}".split(",") if n]
+    if unknown := sorted(set(named) - set(COUNTS)):
+        parser.error(f"unknown families {unknown}; known are {list(COUNTS)}")
+    return options
+
+
+def main(argv: list[str] | None = None) -> None:
+    options = _options(argv)
+    seed = CI_SEED if options.ci else options.seed
+    if options.ci:
+        wanted = ci_specs()
+    else:
+        exact = {n: int(c) for n, _, c in (item.partition("=") for item in options.counts.split(",") if item)}
+        families = tuple(n for n in options.families.split(",") if n)
+        wanted = specs(seed, options.scale, families, exact or None)
+    sets = generate(wanted, seed, options.workers)
+    write(sets, options.out, seed)
+    print(f"{len(sets)} sets in {options.out / 'sets'}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,189 @@
+"""One blind set from one specification: draw a design, finger and noise, set the visibility, write the rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from . import designs, noise, nuisance
+from .designs import Design
+from .effect import ALTERNATIVE, CATALOGUE, Effect, Hidden
+from .effects import CATALOGUE_EFFECTS, STRANGERS
+from .rivals import lambda_of_rivals
+from .touch import Finger
+from .visibility import Visibility, clean_friction, force_left
+
+WITH_LOAD = ("factorial", "timed", "six_sessions", "rich", "quiet_grid")
+WITH_SPEED = ("speed_sweep", "six_sessions", "rich")
+WITH_TIME = ("timed", "six_sessions", "rich", "quiet_grid")
+VANISHED = 0.15  # share of the electrostatic force below which a set is kept only for want of a better
+NEEDS_LOAD = {"load_dependent_friction", "capillary_adhesion", "sensor_crosstalk"}
+NEEDS_MANY_FREQUENCIES = {"screen_resonance", "mains_interference"}
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What a set should contain. `effects` are (name, wanted lambda); an empty `design` is drawn."""
+
+    family: str
+    index: int
+    effects: tuple[tuple[str, float], ...] = ()
+    form: str = CATALOGUE
+    design: str = ""
+    noise: str = noise.STATED
+    far: bool = False
+    gain_sd: float = nuisance.SESSION_GAIN_SD
+    partial_sessions: int = 0
+    contaminated: bool = False
+    rivals: bool = False
+
+
+@dataclass(frozen=True)
+class BlindSet:
+    """Columns to write and the sealed label."""
+
+    columns: dict[str, np.ndarray]
+    label: dict
+
+
+def find(name: str) -> Effect:
+    return CATALOGUE_EFFECTS[name] if name in CATALOGUE_EFFECTS else STRANGERS[name]
+
+
+def suitable(name: str) -> tuple[str, ...]:
+    """Designs whose columns and levels let the effect show."""
+    needs = find(name).needs
+    if needs == "speed_m_s":
+        return WITH_SPEED
+    if needs == "time_s":
+        return WITH_TIME
+    if name in NEEDS_LOAD:
+        return WITH_LOAD
+    if name in NEEDS_MANY_FREQUENCIES:
+        return ("paper", "voltage_frequency", "factorial", "six_sessions")
+    return tuple(designs.GOOD)
+
+
+def _candidates(rng: np.random.Generator, spec: Spec) -> list[str]:
+    if spec.design:
+        return [spec.design] * 3
+    if spec.partial_sessions or spec.contaminated:
+        return ["six_sessions"] * 3
+    common = set(designs.GOOD)
+    for name, _ in spec.effects:
+        common &= set(suitable(name))
+    if len(spec.effects) > 1:
+        common &= {"factorial", "timed", "six_sessions", "rich", "voltage_frequency"}
+    order = [str(d) for d in rng.permutation(sorted(common))][:3]
+    return [*order, "rich"] if "rich" in common else order
+
+
+def _hide(rng: np.random.Generator, spec: Spec, sight: Visibility) -> tuple[tuple[Hidden, ...], list[float]]:
+    """Effects at the strength that gives each, alone, its wanted lambda."""
+    out, seen = [], []
+    for name, target in spec.effects:
+        effect = find(name)
+        form = spec.form if name in CATALOGUE_EFFECTS else CATALOGUE
+        hidden, reached = sight.reach(Hidden(effect, 1.0, effect.draw(rng), form), target)
+        out.append(hidden)
+        seen.append(reached)
+    return tuple(out), seen
+
+
+def _setting(
+    rng: np.random.Generator, spec: Spec
+) -> tuple[Design, Finger, str, np.ndarray, tuple[Hidden, ...], list[float], Visibility]:
+    """Try designs, then quieter noise, until every effect is as visible as wanted (or keep the most visible)."""
+    finger, far = nuisance.far_finger(rng) if spec.far else (nuisance.draw_finger(rng), "")
+    best, best_share = None, -1.0
+    for attempt, name in enumerate(_candidates(rng, spec)):
+        design = designs.DESIGNS[name](rng)
+        level = np.exp(rng.uniform(np.log(0.015), np.log(0.05) if attempt == 0 else np.log(0.022)))
+        sigma = level * np.exp(0.15 * rng.normal(size=design.session.size))
+        sight = Visibility(design, finger, sigma)
+        hidden, seen = _hide(rng, spec, sight)
+        share = min((s / t for s, (_, t) in zip(seen, spec.effects, strict=True)), default=1.0)
+        if hidden and force_left(design, finger, hidden) < VANISHED:
+            share = min(share, 0.5)  # with the force all but gone every effect that weakens it looks the same
+        if share > best_share:
+            best, best_share = (design, finger, far, sigma, hidden, seen, sight), share
+        if share >= 0.9:
+            break
+    return best
+
+
+def _measured(rng: np.random.Generator, spec: Spec, design: Design, clean: np.ndarray, sigma: np.ndarray) -> dict:
+    gain = nuisance.session_gains(rng, design.session, spec.gain_sd)
+    stated = sigma * clean * gain
+    spread = stated.copy()
+    bad = 0
+    if spec.contaminated:
+        bad = int(rng.choice(np.unique(design.session)))
+        gain = np.where(design.session == bad, gain * np.exp(0.15 * rng.choice([-1.0, 1.0])), gain)
+        spread = np.where(design.session == bad, 4 * stated, stated)
+    cof = np.maximum(clean * gain + noise.draw(rng, spec.noise, clean, spread, design.session), 0.02)
+    return {"cof": cof, "cof_std": stated, "contaminated_session": bad}
+
+
+def _columns(design: Design, measured: dict, off_frequency: float) -> dict[str, np.ndarray]:
+    rows = design.rows
+    every = {
+        "frequency_hz": np.where(rows.v > 0, rows.f, off_frequency),
+        "voltage_v": rows.v,
+        "normal_force_n": rows.n,
+        "cof": measured["cof"],
+        "cof_std": measured["cof_std"],
+        "speed_m_s": rows.speed,
+        "time_s": rows.time,
+        "session": design.session,
+        "trial": design.trial,
+    }
+    return {k: v for i, (k, v) in enumerate(every.items()) if i < 4 or k in design.columns}
+
+
+def build(spec: Spec, seed: int) -> BlindSet:
+    """Build one set; the same specification and seed give the same set."""
+    rng = np.random.default_rng([seed, int.from_bytes(spec.family.encode(), "big"), spec.index])
+    design, finger, far, sigma, hidden, seen, sight = _setting(rng, spec)
+    if spec.partial_sessions and hidden:
+        chosen = rng.choice(np.unique(design.session), spec.partial_sessions, replace=False)
+        hidden = tuple(replace(h, sessions=tuple(sorted(int(s) for s in chosen))) for h in hidden)
+        seen = [sight.of((h,)) for h in hidden]
+    clean = clean_friction(design, finger, hidden)
+    measured = _measured(rng, spec, design, clean, sigma)
+    off_frequency = float(rng.choice([250.0, 250.0, 0.0]))
+    aliases = _aliases(design, finger, sight, hidden) if spec.rivals and len(hidden) == 1 else None
+    label = {
+        "family": spec.family,
+        "index": spec.index,
+        "effects": [
+            {**h.label(), "lambda": round(s, 3), "lambda_wanted": t, "stranger": h.effect.name in STRANGERS}
+            for h, s, (_, t) in zip(hidden, seen, spec.effects, strict=True)
+        ],
+        "lambda_together": round(sight.of(hidden), 3) if hidden else 0.0,
+        "force_left": round(force_left(design, finger, hidden), 4) if hidden else 1.0,
+        "base_misfit": round(sight.null, 3),
+        "design": design.name,
+        "bad_design": design.bad,
+        "rows": int(design.session.size),
+        "noise": spec.noise,
+        "relative_sigma": round(float(np.median(sigma)), 5),
+        "session_gain_sd": spec.gain_sd,
+        "contaminated_session": measured["contaminated_session"],
+        "off_frequency_hz": off_frequency,
+        "finger": nuisance.finger_record(finger),
+        "far_off": far,
+        "aliases": aliases,
+        "lambda_left": min(aliases.values()) if aliases else None,
+    }
+    return BlindSet(_columns(design, measured, off_frequency), label)
+
+
+def _aliases(design: Design, finger: Finger, sight: Visibility, hidden: tuple[Hidden, ...]) -> dict[str, float]:
+    """What each catalogue effect leaves unexplained (lambda_ij) of this set's truth, smallest first."""
+    left = lambda_of_rivals(design, finger, sight, clean_friction(design, finger, hidden), skip=hidden[0].effect.name)
+    return {name: round(value, 2) for name, value in sorted(left.items(), key=lambda item: item[1])}
+
+
+__all__ = ["ALTERNATIVE", "CATALOGUE", "BlindSet", "Spec", "build", "suitable"]

@@ -1,0 +1,197 @@
+"""Measurement designs: which conditions are measured, in which order, and which columns are written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .touch import STEADY_SPEED, Rows
+
+DECADES = np.array([1.0, 10.0, 50.0, 100.0, 250.0, 500.0, 1e3, 1e4, 1e5, 1e6])
+SPEEDS = np.array([0.005, 0.01, 0.02, 0.05, 0.1])
+LOADS = np.array([0.3, 0.5, 1.0])
+Generator = np.random.Generator
+
+
+@dataclass(frozen=True)
+class Design:
+    """Planned rows in measuring order. `columns` are the optional ones that are written."""
+
+    name: str
+    rows: Rows
+    session: np.ndarray
+    trial: np.ndarray
+    columns: tuple[str, ...]
+    bad: bool = False
+
+    @property
+    def has_session(self) -> bool:
+        return "session" in self.columns
+
+
+@dataclass
+class _Plan:
+    """Collects blocks of (f, V, N, speed); one block is one session and one trial, shuffled before it is stored."""
+
+    rng: Generator
+    pause_s: float
+    parts: list[tuple] = field(default_factory=list)
+    clock: dict[int, float] = field(default_factory=dict)
+
+    def block(self, conditions: np.ndarray, session: int, trial: int) -> None:
+        live = self.rng.permutation(conditions[conditions[:, 1] > 0])
+        off = self.rng.permutation(conditions[conditions[:, 1] == 0])
+        slots = np.sort(self.rng.permutation(len(live) + 1)[: len(off)]) if len(off) <= len(live) else None
+        slots = np.linspace(0, len(live), len(off)).astype(int) if slots is None else slots
+        rows = np.insert(live, slots, off, axis=0) if len(off) else live
+        start = self.clock.get(session, 0.0)
+        t = start + self.pause_s * (np.arange(len(rows)) + self.rng.uniform(0.0, 0.3, len(rows)))
+        self.clock[session] = start + self.pause_s * (len(rows) + 1)
+        self.parts.append((rows, t, np.full(len(rows), session), np.full(len(rows), trial)))
+
+    def build(self, name: str, columns: tuple[str, ...], bad: bool = False) -> Design:
+        table = np.concatenate([p[0] for p in self.parts])
+        t, session, trial = (np.concatenate([p[i] for p in self.parts]) for i in (1, 2, 3))
+        rows = Rows(table[:, 0], table[:, 1], table[:, 2], table[:, 3], np.round(t, 1))
+        return Design(name, rows, session, trial, columns, bad)
+
+
+def _grid(f, v, n=(0.5,), speed=(STEADY_SPEED,)) -> np.ndarray:
+    return np.array(np.meshgrid(f, v, n, speed, indexing="ij")).reshape(4, -1).T
+
+
+def _off(count: int, n=(0.5,), speed=(STEADY_SPEED,)) -> np.ndarray:
+    """Rows without voltage: `count` at each load and speed, their frequency (ignored by contract) set to 250 Hz."""
+    return np.repeat(_grid([250.0], [0.0], n, speed), count, axis=0)
+
+
+def paper(rng: Generator) -> Design:
+    plan = _Plan(rng, 20.0)
+    for session in range(1, 4):
+        for trial in range(1, 4):
+            plan.block(np.concatenate([_grid(DECADES, [75.0]), _off(2)]), session, trial)
+    return plan.build("paper", ("cof_std", "session", "trial"))
+
+
+def voltage_frequency(rng: Generator) -> Design:
+    plan = _Plan(rng, 15.0)
+    for trial in range(1, 3):
+        plan.block(np.concatenate([_grid(DECADES, [25.0, 50.0, 75.0, 100.0, 125.0]), _off(10)]), 1, trial)
+    return plan.build("voltage_frequency", ("cof_std", "trial"))
+
+
+def factorial(rng: Generator) -> Design:
+    plan = _Plan(rng, 15.0)
+    for session in range(1, 4):
+        cells = _grid([10.0, 100.0, 250.0, 1e3, 1e4, 1e5], [40.0, 70.0, 100.0], LOADS)
+        plan.block(np.concatenate([cells, _off(4, LOADS)]), session, 1)
+    return plan.build("factorial", ("cof_std", "session", "trial"))
+
+
+def speed_sweep(rng: Generator) -> Design:
+    plan = _Plan(rng, 15.0)
+    for session in range(1, 3):
+        cells = _grid([10.0, 100.0, 250.0, 1e3, 1e5], [50.0, 100.0], [0.5], SPEEDS)
+        plan.block(np.concatenate([cells, _off(3, speed=SPEEDS)]), session, 1)
+    return plan.build("speed_sweep", ("cof_std", "session", "speed_m_s"))
+
+
+def timed(rng: Generator) -> Design:
+    plan = _Plan(rng, 20.0)
+    for session in range(1, 3):
+        cells = _grid([5.0, 30.0, 100.0, 250.0, 1e3, 1e4, 2e5], [50.0, 75.0, 100.0], [0.4, 0.8])
+        plan.block(np.concatenate([cells, _off(5, [0.4, 0.8])]), session, 1)
+    return plan.build("timed", ("cof_std", "session", "time_s"))
+
+
+def six_sessions(rng: Generator) -> Design:
+    plan = _Plan(rng, 20.0)
+    cells = _grid(DECADES, [40.0, 70.0, 100.0], LOADS, SPEEDS[1:4])
+    for session in range(1, 7):
+        chosen = cells[rng.choice(len(cells), 33, replace=False)]
+        plan.block(np.concatenate([chosen, _off(2, LOADS)]), session, 1)
+    return plan.build("six_sessions", ("cof_std", "session", "time_s", "speed_m_s"))
+
+
+def rich(rng: Generator) -> Design:
+    plan = _Plan(rng, 12.0)
+    cells = _grid(np.logspace(0, 6, 13), [30.0, 50.0, 75.0, 100.0, 120.0], LOADS, SPEEDS)
+    for session in range(1, 6):
+        chosen = cells[rng.choice(len(cells), 85, replace=False)]
+        plan.block(np.concatenate([chosen, _off(1, LOADS, SPEEDS)]), session, 1)
+    return plan.build("rich", ("cof_std", "session", "trial", "time_s", "speed_m_s"))
+
+
+def quiet_grid(rng: Generator) -> Design:
+    """Three trials per condition and no cof_std: the noise must be read from replicates."""
+    plan = _Plan(rng, 15.0)
+    for session in range(1, 4):
+        for trial in range(1, 4):
+            plan.block(
+                np.concatenate([_grid(DECADES[::2], [50.0, 100.0], [0.4, 0.8]), _off(2, [0.4, 0.8])]), session, trial
+            )
+    return plan.build("quiet_grid", ("session", "trial", "time_s"))
+
+
+def confounded(rng: Generator) -> Design:
+    """Voltage rises with frequency, so no row tells one from the other."""
+    plan = _Plan(rng, 15.0)
+    pairs = _grid(DECADES, [0.0])
+    pairs[:, 1] = np.linspace(35.0, 125.0, len(DECADES))
+    for session in range(1, 4):
+        plan.block(np.concatenate([pairs, pairs, _off(4)]), session, 1)
+    return plan.build("confounded", ("cof_std", "session"), bad=True)
+
+
+def small(rng: Generator) -> Design:
+    plan = _Plan(rng, 15.0)
+    plan.block(np.concatenate([_grid(DECADES[1::2], [50.0, 75.0, 100.0], [0.4, 0.8]), _off(5, [0.4, 0.8])]), 1, 1)
+    return plan.build("small", ("cof_std",), bad=True)
+
+
+def narrow(rng: Generator) -> Design:
+    plan = _Plan(rng, 15.0)
+    for session in range(1, 4):
+        cells = _grid([150.0, 200.0, 250.0, 300.0], [50.0, 75.0, 100.0], [0.5])
+        plan.block(np.concatenate([cells, cells, _off(4)]), session, 1)
+    return plan.build("narrow", ("cof_std", "session"), bad=True)
+
+
+def missing_corner(rng: Generator) -> Design:
+    """No row has both a high frequency and a high voltage."""
+    plan = _Plan(rng, 15.0)
+    cells = _grid(DECADES, [25.0, 50.0, 75.0, 100.0])
+    cells = cells[(cells[:, 0] < 400) | (cells[:, 1] < 60)]
+    for session in range(1, 4):
+        plan.block(np.concatenate([cells, _off(5)]), session, 1)
+    return plan.build("missing_corner", ("cof_std", "session"), bad=True)
+
+
+def no_noise_stated(rng: Generator) -> Design:
+    """Neither replicates nor cof_std: nothing says how noisy the rows are."""
+    plan = _Plan(rng, 15.0)
+    cells = _grid(np.logspace(0, 6, 9), [30.0, 50.0, 75.0, 100.0], [0.5])
+    plan.block(np.concatenate([cells, _off(1)]), 1, 1)
+    return plan.build("no_noise_stated", (), bad=True)
+
+
+GOOD: dict[str, Callable[[Generator], Design]] = {
+    "paper": paper,
+    "voltage_frequency": voltage_frequency,
+    "factorial": factorial,
+    "speed_sweep": speed_sweep,
+    "timed": timed,
+    "six_sessions": six_sessions,
+    "rich": rich,
+    "quiet_grid": quiet_grid,
+}
+BAD: dict[str, Callable[[Generator], Design]] = {
+    "confounded": confounded,
+    "small": small,
+    "narrow": narrow,
+    "missing_corner": missing_corner,
+    "no_noise_stated": no_noise_stated,
+}
+DESIGNS = GOOD | BAD

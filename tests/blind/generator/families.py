@@ -1,0 +1,171 @@
+"""Families F0 to F10 of diagnosis.md section 7 as lists of specifications, and the fixed list for continuous tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from . import noise
+from .build import ALTERNATIVE, CATALOGUE, Spec
+from .designs import BAD, GOOD
+from .effects import CATALOGUE_EFFECTS, STRANGERS
+
+COUNTS = {
+    "F0": 300, "F1": 960, "F2": 100, "F3": 1000, "F4": 300, "F5": 200,
+    "F6": 150, "F7": 300, "F8": 100, "F9": 100, "F10": 200,
+}  # fmt: skip
+NAMES = tuple(CATALOGUE_EFFECTS)
+OUTSIDE = tuple(STRANGERS)
+LEVELS = (9.0, 16.0, 25.0, 50.0, 100.0, 400.0)
+# truth, and a design on which physics.md or a first look says it hides behind another effect
+ALIASED = (
+    ("series_resistance", "paper"),
+    ("amplifier_bandwidth", "paper"),
+    ("amplifier_slew_limit", "paper"),
+    ("electrode_polarization", "voltage_frequency"),
+    ("humid_gap_conduction", "voltage_frequency"),
+    ("floating_body", "voltage_frequency"),
+    ("speed_dependent_gap", "speed_sweep"),
+    ("viscoelastic_skin", "speed_sweep"),
+    ("air_breakdown", "paper"),
+    ("trapped_charge", "paper"),
+    ("load_dependent_friction", "factorial"),
+    ("capillary_adhesion", "factorial"),
+    ("drive_gain_error", "paper"),
+    ("skin_hydration", "paper"),
+    ("skin_nonlinearity", "paper"),
+)
+INCOMPATIBLE = {frozenset(p) for p in (("skin_hydration", "skin_nonlinearity"), ("air_breakdown", "trapped_charge"))}
+
+
+def _cycle(options: tuple, i: int):
+    return options[i % len(options)]
+
+
+def _form(i: int) -> str:
+    return ALTERNATIVE if i % 2 else CATALOGUE
+
+
+def f0(i: int, _rng: np.random.Generator) -> Spec:
+    return Spec("F0", i, design=_cycle(tuple(GOOD), i))
+
+
+def f1(i: int, rng: np.random.Generator) -> Spec:
+    level = LEVELS[(i + i // len(NAMES)) % len(LEVELS)]
+    return Spec("F1", i, ((_cycle(NAMES, i * 7), level),), str(rng.choice([CATALOGUE, ALTERNATIVE])))
+
+
+def f2(i: int, rng: np.random.Generator) -> Spec:
+    name, design = _cycle(ALIASED, i)
+    return Spec("F2", i, ((name, float(rng.choice([50.0, 100.0, 200.0]))),), design=design, rivals=True)
+
+
+def f3(i: int, rng: np.random.Generator) -> Spec:
+    """Strengths spread evenly in log lambda: the generator knows no priors of the catalogue under test."""
+    if rng.random() < 0.2:
+        return Spec("F3", i)
+    return Spec("F3", i, ((str(rng.choice(NAMES)), float(np.exp(rng.uniform(0.0, np.log(2000.0))))),))
+
+
+def f4(i: int, rng: np.random.Generator) -> Spec:
+    return Spec("F4", i, ((_cycle(OUTSIDE, i), float(rng.choice([50.0, 100.0, 200.0, 400.0, 800.0]))),), rivals=True)
+
+
+def f5(i: int, rng: np.random.Generator) -> Spec:
+    while True:
+        chosen = [str(n) for n in rng.choice(NAMES, 3 if i % 10 == 9 else 2, replace=False)]
+        if not any(frozenset((a, b)) in INCOMPATIBLE for a in chosen for b in chosen if a != b):
+            break
+    weak = float(rng.choice([12.0, 35.0, 100.0, 250.0]))
+    levels = [weak, weak * float(rng.uniform(1.0, 3.0)), weak * 1.5]
+    return Spec("F5", i, tuple(zip(chosen, levels[: len(chosen)], strict=True)), _form(i // 2))
+
+
+def f6(i: int, rng: np.random.Generator) -> Spec:
+    effects = () if i % 2 else ((str(rng.choice(NAMES)), 100.0),)
+    if i % 6 == 5:  # a drive ten per cent off that nobody calls an effect
+        effects = (("drive_gain_error", 12.0),)
+    return Spec("F6", i, effects, far=True)
+
+
+def f7(i: int, rng: np.random.Generator) -> Spec:
+    effects = () if i % 2 == 0 else ((str(rng.choice(NAMES)), 100.0),)
+    return Spec("F7", i, effects, _form(i // 2), noise=_cycle(noise.WRONG, i // 2))
+
+
+def f8(i: int, rng: np.random.Generator) -> Spec:
+    kind = i % 3
+    effect = ((str(rng.choice(NAMES)), 400.0),)
+    if kind == 0:
+        return Spec("F8", i, gain_sd=0.08, design="six_sessions")
+    if kind == 1:
+        return Spec("F8", i, effect, gain_sd=0.08, partial_sessions=2)
+    return Spec("F8", i, effect if i % 2 else (), gain_sd=0.08, contaminated=True)
+
+
+def f9(i: int, rng: np.random.Generator) -> Spec:
+    effects = (
+        ()
+        if i % 3 == 2
+        else ((str(rng.choice([n for n in NAMES if CATALOGUE_EFFECTS[n].needs != "speed_m_s"])), 100.0),)
+    )
+    return Spec("F9", i, effects, _form(i), design=_cycle(tuple(BAD), i))
+
+
+def f10(i: int, rng: np.random.Generator) -> Spec:
+    level = float(rng.choice([50.0, 100.0, 200.0, 400.0]))
+    return Spec("F10", i, ((_cycle(NAMES, i * 7), level),), ALTERNATIVE)
+
+
+FAMILIES: dict[str, Callable[[int, np.random.Generator], Spec]] = {
+    "F0": f0, "F1": f1, "F2": f2, "F3": f3, "F4": f4, "F5": f5,
+    "F6": f6, "F7": f7, "F8": f8, "F9": f9, "F10": f10,
+}  # fmt: skip
+
+
+def specs(seed: int, scale: float, families: tuple[str, ...] = (), counts: dict[str, int] | None = None) -> list[Spec]:
+    """Specifications of the wanted families; set i of a family does not depend on `scale`. `counts` overrides it."""
+    wanted = counts or {name: max(1, round(COUNTS[name] * scale)) for name in (families or tuple(COUNTS))}
+    return [
+        FAMILIES[name](i, np.random.default_rng([seed, 77, int(name[1:]), i]))
+        for name, count in wanted.items()
+        for i in range(count)
+    ]
+
+
+def ci_specs() -> list[Spec]:
+    """Twenty-four fixed sets: 6 null, 11 single, 3 strangers, 2 pairs, 1 with wrong noise, 1 bad design."""
+    null = [
+        Spec("F0", i, design=d)
+        for i, d in enumerate(("paper", "voltage_frequency", "factorial", "speed_sweep", "six_sessions", "quiet_grid"))
+    ]
+    singles = (
+        ("amplifier_bandwidth", 200.0, "voltage_frequency"),
+        ("drive_gain_error", 100.0, "factorial"),
+        ("skin_hydration", 100.0, "rich"),
+        ("electrode_polarization", 75.0, "quiet_grid"),
+        ("sweat_film", 150.0, "six_sessions"),
+        ("speed_dependent_gap", 100.0, "speed_sweep"),
+        ("trapped_charge", 200.0, "voltage_frequency"),
+        ("air_breakdown", 100.0, "rich"),
+        ("load_dependent_friction", 200.0, "factorial"),
+        ("velocity_dependent_friction", 400.0, "speed_sweep"),
+        ("contact_ageing", 300.0, "timed"),
+    )
+    single = [Spec("F1", i, ((n, level),), _form(i), d) for i, (n, level, d) in enumerate(singles)]
+    outside = (
+        ("sensor_resonance_frequency", 800.0, "voltage_frequency"),
+        ("screen_resonance", 600.0, "six_sessions"),
+        ("gain_drift", 600.0, "timed"),
+    )
+    strange = [Spec("F4", i, ((n, level),), design=d, rivals=True) for i, (n, level, d) in enumerate(outside)]
+    pairs = [
+        Spec("F5", 0, (("amplifier_bandwidth", 150.0), ("velocity_dependent_friction", 200.0)), design="six_sessions"),
+        Spec("F5", 1, (("contact_ageing", 200.0), ("trapped_charge", 150.0)), ALTERNATIVE, "six_sessions"),
+    ]
+    rest = [
+        Spec("F7", 0, noise="scale_1.5", design="six_sessions"),
+        Spec("F9", 0, (("amplifier_slew_limit", 75.0),), design="confounded"),
+    ]
+    return null + single + strange + pairs + rest

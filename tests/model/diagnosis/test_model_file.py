@@ -1,0 +1,176 @@
+"""A fitted model, written and read back, is the same physics."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model.description import ModelDescription, read_model
+from model.diagnosis.data import Array, Measurements
+from model.diagnosis.fit import Fit
+from model.diagnosis.model_file import fitted_effects, fitted_nuisances, write_model
+from model.diagnosis.naming import Candidate
+from model.diagnosis.rival import Evidence
+from model.diagnosis.space import Predictor
+from model.diagnosis.verdict import Verdict, Weighed
+from model.diagnosis.workflow import Diagnosis
+from model.dielectrics import GABRIEL_WET, ColeCole, Dielectric, PowerLaw, Tabulated
+from model.effects import BY_NAME, Effect
+from model.errors import ModelError
+from model.parameters import Parameter
+
+REFERENCE = Path(__file__).parents[3] / "configs" / "models" / "reference.toml"
+VECTOR = np.array([0.1, -0.5, 1.2, 2.0, 0.3, -1.1])
+POWER_LAW = PowerLaw(4.0, 1200.0, 0.35, 2e-5)
+TABLE = Tabulated("my skin", "user's table my skin.csv", (1.0, 1e3, 1e6), (5e3, 1.1e3, 0.1 + 0.2), (1e-5, 1e-4, 1e-2))
+
+
+@pytest.fixture
+def finger() -> ModelDescription:
+    return read_model(REFERENCE)
+
+
+def measurements() -> Measurements:
+    names = ("frequency_hz", "voltage_v", "normal_force_n", "cof")
+    return Measurements({n: np.ones(3) for n in names}, np.zeros(3, np.intp), ("1",), None, "ab" * 32)
+
+
+def fit(kinds: tuple[type[Effect], ...], vector: Array) -> Fit:
+    nothing = np.zeros(3)
+    return Fit(kinds, vector, nothing, np.zeros((3, vector.size)), 0.04 * np.eye(vector.size), 3.0, 1.0, 0.0)
+
+
+def diagnosis(verdict: str | None, *names: str) -> Diagnosis:
+    def found(kinds: tuple[type[Effect], ...]) -> Candidate:
+        size = 4 + sum(len(k.parameters()) for k in kinds)
+        return Candidate(kinds, fit(kinds, VECTOR[:size]), Evidence(5.0, 1.0, 0.0), Evidence(4.0, 1.0, 0.0))
+
+    kinds = tuple(BY_NAME[name] for name in names)
+    probabilities = {"none": 0.01, "unknown": 0.01} | {name: 0.98 / len(names) for name in names}
+    base, chosen = found(()), found(kinds)
+    reached = Verdict(verdict, True, chosen, probabilities, {n: [] for n in names}, ("why",)) if verdict else None
+    return Diagnosis(measurements(), None, reached, Weighed(base, [], []), None, None, None, None, None, (), 7)
+
+
+@pytest.mark.parametrize("dielectric", [GABRIEL_WET, POWER_LAW, TABLE], ids=["named", "power law", "user's own table"])
+def test_every_kind_of_dielectric_reads_back_to_the_same_physics(
+    finger: ModelDescription, tmp_path: Path, dielectric: Dielectric
+) -> None:
+    given = replace(finger, dielectric=dielectric, friction_law="total_load")
+    written = write_model(diagnosis("effect_found", "series_resistance"), given, tmp_path / "model.toml", "d.csv")
+    read = read_model(tmp_path / "model.toml")
+    assert read.content_hash == written.content_hash
+    assert read.dielectric == dielectric
+    assert read.friction_law == "total_load"
+    assert set(read.effect_parameters) == {"series_resistance"}
+
+
+def test_the_file_predicts_what_the_fit_did(finger: ModelDescription, tmp_path: Path) -> None:
+    found = diagnosis("effect_found", "amplifier_bandwidth")
+    assert found.verdict is not None
+    chosen = found.verdict.chosen.fit
+    write_model(found, finger, tmp_path / "model.toml", "d.csv")
+    expected = Predictor(finger, found.data).log_cof(chosen.kinds, chosen.vector[None])
+    read = Predictor(read_model(tmp_path / "model.toml"), found.data).log_cof((), np.zeros((1, 4)))
+    np.testing.assert_allclose(read, expected, rtol=1e-12)
+
+
+def test_fitted_values_carry_their_error_and_their_data(finger: ModelDescription, tmp_path: Path) -> None:
+    write_model(diagnosis("effect_found", "series_resistance"), finger, tmp_path / "model.toml", "/where/d.csv")
+    read = read_model(tmp_path / "model.toml")
+    roughness = read.parameters["roughness_rms_m"]
+    assert roughness.value == pytest.approx(20e-6 * np.exp(-0.05), rel=1e-12)
+    assert roughness.std == pytest.approx(roughness.value * 0.10 * 0.2, rel=1e-12)  # the covariance is 0.2^2
+    assert roughness.source == "fit to d.csv, sha256 abababababababab"
+    resistance = read.effect_parameters["series_resistance"]["resistance_ohm"]
+    assert resistance.value == pytest.approx(2e4 * 8.0**0.3)
+    assert resistance.std == pytest.approx(resistance.value * np.log(8.0) * 0.2)
+    assert read.parameters["screen_modulus_pa"] == finger.parameters["screen_modulus_pa"]
+
+
+def test_a_linear_parameter_keeps_its_error_at_zero() -> None:
+    kind = BY_NAME["contact_ageing"]
+    share = fitted_effects(fit((kind,), np.zeros(6)))["contact_ageing"]["share"]
+    assert share.value == 0.0
+    assert share.std == pytest.approx(0.15 * 0.2)
+
+
+def test_fitted_parameters_stay_within_what_a_file_may_say(finger: ModelDescription) -> None:
+    found = fitted_nuisances(finger, fit((), np.array([6.0, 0.0, 0.0, 0.0])))
+    assert found["cof_off"].value == 5.0
+
+
+def test_effects_that_were_on_stay_on(finger: ModelDescription, tmp_path: Path) -> None:
+    on = {"drive_gain_error": {"gain": Parameter(1.05, "1", 'measured "twice"\\\n', 0.01)}}
+    given = replace(finger, effect_parameters=on)
+    write_model(diagnosis("effect_found", "series_resistance"), given, tmp_path / "model.toml", "d.csv")
+    read = read_model(tmp_path / "model.toml")
+    assert set(read.effect_parameters) == {"drive_gain_error", "series_resistance"}
+    assert read.effect_parameters["drive_gain_error"]["gain"] == on["drive_gain_error"]["gain"]
+
+
+@pytest.mark.parametrize("verdict", ["no_discrepancy", "unexplained"])
+def test_no_name_no_effect(finger: ModelDescription, tmp_path: Path, verdict: str) -> None:
+    write_model(diagnosis(verdict), finger, tmp_path / "model.toml", "d.csv")
+    read = read_model(tmp_path / "model.toml")
+    assert read.effect_parameters == {}
+    assert read.values.roughness_rms_m != finger.values.roughness_rms_m
+
+
+def test_untestable_data_leave_the_model_as_it_is(finger: ModelDescription, tmp_path: Path) -> None:
+    write_model(diagnosis(None), finger, tmp_path / "model.toml", "d.csv")
+    assert read_model(tmp_path / "model.toml").content_hash == finger.content_hash
+
+
+def test_origin_says_from_what(finger: ModelDescription, tmp_path: Path) -> None:
+    write_model(diagnosis("effect_found", "series_resistance"), finger, tmp_path / "model.toml", "/where/d.csv")
+    origin = tomllib.loads((tmp_path / "model.toml").read_text(encoding="utf-8"))["origin"]
+    assert origin["data"] == "d.csv"
+    assert origin["data_sha256"] == "ab" * 32
+    assert origin["parent_hash"] == finger.content_hash
+    assert origin["verdict"] == "effect_found"
+    assert origin["probability"] == pytest.approx(0.98)
+    assert {"log_evidence", "log_evidence_gain", "seed", "program", "date"} <= set(origin)
+
+
+def test_older_versions_are_kept_in_order(finger: ModelDescription, tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    path.write_text("mine", encoding="utf-8")
+    write_model(diagnosis("effect_found", "series_resistance"), finger, path, "d.csv")
+    first = path.read_text(encoding="utf-8")
+    write_model(diagnosis("effect_found", "floating_body"), finger, path, "d.csv")
+    assert (tmp_path / "model-1.toml").read_text(encoding="utf-8") == "mine"
+    assert (tmp_path / "model-2.toml").read_text(encoding="utf-8") == first
+    assert "floating_body" in read_model(path).effect_parameters
+
+
+def test_the_same_result_makes_no_new_version(finger: ModelDescription, tmp_path: Path) -> None:
+    for _ in range(2):
+        write_model(diagnosis("effect_found", "series_resistance"), finger, tmp_path / "model.toml", "d.csv")
+    assert [p.name for p in tmp_path.iterdir()] == ["model.toml"]
+
+
+def test_a_table_of_the_same_name_is_not_overwritten(finger: ModelDescription, tmp_path: Path) -> None:
+    path, found = tmp_path / "model.toml", diagnosis("no_discrepancy")
+    write_model(found, replace(finger, dielectric=TABLE), path, "d.csv")
+    other = replace(TABLE, eps_real=(9e3, 1e3, 10.0))
+    write_model(found, replace(finger, dielectric=other), path, "d.csv")
+    assert read_model(path).dielectric == other
+    assert read_model(tmp_path / "model-1.toml").dielectric == TABLE
+
+
+def test_a_dielectric_that_no_file_can_name_is_refused(finger: ModelDescription, tmp_path: Path) -> None:
+    own = ColeCole("own", "made up", 4.0, (), 1e-4)
+    with pytest.raises(ModelError, match="own"):
+        write_model(diagnosis("no_discrepancy"), replace(finger, dielectric=own), tmp_path / "model.toml", "d.csv")
+
+
+def test_odd_names_survive(finger: ModelDescription, tmp_path: Path) -> None:
+    odd = 'finger "7"\t\\ ünï \x7f \U0001f590'
+    given = replace(finger, name=odd)
+    write_model(diagnosis("effect_found", "series_resistance"), given, tmp_path / "model.toml", f'd"{odd}.csv')
+    assert read_model(tmp_path / "model.toml").name == f"{odd}+series_resistance"

@@ -1,0 +1,264 @@
+"""Every verdict's report keeps the public contract, and its page stands alone."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model.description import ModelDescription, read_model
+from model.diagnosis.data import Array, read_measurements
+from model.diagnosis.page import sentence, write_html
+from model.diagnosis.pictures import pictures
+from model.diagnosis.report import report, write_report
+from model.diagnosis.workflow import Diagnosis, diagnose
+from model.effects import BY_NAME
+from model.parameters import Parameter
+from model.touch_model import Conditions, TouchModel
+
+FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
+FREQUENCIES, VOLTAGES, LOADS = (1.0, 10.0, 100.0, 1e3, 1e4, 1e6), (50.0, 100.0), (0.2, 0.5, 1.5)
+SESSIONS, NOISE, GAIN = ("Mon", "<b>Tue & $Wed", "Thu"), 0.02, 0.03
+Distortion = Callable[[Array, Array, Array], Array]
+Effects = dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A made-up data set: effects that are on, what else distorts friction, and the verdict it earns."""
+
+    verdict: str
+    effects: Effects
+    distortion: Distortion | None = None
+    stated_noise: bool = True
+
+
+def _stranger(f: Array, v: Array, n: Array) -> Array:
+    return np.where(v > 0.0, 0.2 * np.sin(2.2 * np.log(np.maximum(f, 1.0))) + 0.1 * np.sin(6.0 * n), 0.0)
+
+
+CASES = (
+    Case("no_discrepancy", {}),
+    Case("effect_found", {"load_dependent_friction": {"exponent": 0.7}}),
+    Case("ambiguous", {"series_resistance": {"resistance_ohm": 2e4}}),
+    Case("unexplained", {}, _stranger),
+    Case("not_testable", {}, stated_noise=False),
+)
+
+
+def write_data(path: Path, case: Case) -> None:
+    """Three sessions of every setting, with 2 % noise; without a stated noise, one session without repeats."""
+    sessions, quiet = (SESSIONS, 2) if case.stated_noise else (SESSIONS[:1], 1)
+    one = [(f, v, n) for f in FREQUENCIES for v in VOLTAGES for n in LOADS] + [(0.0, 0.0, n) for n in LOADS] * quiet
+    f, v, n = np.tile(np.array(one), (len(sessions), 1)).T
+    session = np.repeat(np.arange(len(sessions)), len(one))
+    on = {name: {key: Parameter(x, "", "") for key, x in values.items()} for name, values in case.effects.items()}
+    rng = np.random.default_rng(0)
+    log_cof = np.log(TouchModel(replace(FINGER, effect_parameters=on)).predict(Conditions(f, v, n)).cof)
+    log_cof += 0.0 if case.distortion is None else case.distortion(f, v, n)
+    log_cof += NOISE * rng.normal(size=f.size) + GAIN * rng.normal(size=len(sessions))[session]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        stated = ["cof_std"] if case.stated_noise else []
+        writer.writerow(["frequency_hz", "voltage_v", "normal_force_n", "time_s", "session", "cof", *stated])
+        for i, cof in enumerate(np.exp(log_cof)):
+            row = [f[i], v[i], n[i], 0.0, sessions[session[i]], cof, NOISE * cof]
+            writer.writerow(row[: 6 + len(stated)])
+
+
+@dataclass(frozen=True)
+class Run:
+    """One case, diagnosed and reported."""
+
+    case: Case
+    diagnosis: Diagnosis
+    content: dict[str, Any]
+    folder: Path
+
+    @property
+    def page(self) -> str:
+        return (self.folder / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module", params=CASES, ids=lambda case: case.verdict)
+def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder: Path = tmp_path_factory.mktemp("report")
+    source = folder / "slides <i>& more.csv"
+    write_data(source, request.param)
+    found = diagnose(FINGER, read_measurements(source), seed=3)
+    return Run(request.param, found, write_report(found, FINGER, folder / "out", str(source)), folder / "out")
+
+
+def test_the_contract_is_kept(run: Run) -> None:
+    content = json.loads((run.folder / "report.json").read_text(encoding="utf-8"))
+    assert content == run.content
+    assert content["verdict"] == run.case.verdict
+    assert isinstance(content["adequate"], bool)
+    assert content["model"] == str(run.folder / "model.toml")
+    assert content["seed"] == 3
+    assert set(content["fit"]) == {"chi2_per_point", "held_out_chi2_per_point", "gap_closed", "gap_closed_interval"}
+    for part in ("chi2_per_point", "held_out_chi2_per_point"):
+        assert set(content["fit"][part]) == {"before", "after"}
+    assert len(content["fit"]["gap_closed_interval"]) == 2
+
+
+def test_json_is_strict(run: Run) -> None:
+    def refuse(word: str) -> None:
+        raise AssertionError(word)
+
+    json.loads((run.folder / "report.json").read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+def test_alternatives_are_everything_and_sum_to_one(run: Run) -> None:
+    names = [a["name"] for a in run.content["alternatives"]]
+    values = [a["probability"] for a in run.content["alternatives"]]
+    assert sorted(names) == sorted(["none", "unknown", *BY_NAME])
+    assert sum(values) == pytest.approx(1.0, abs=1e-12)
+    assert values == sorted(values, reverse=True)
+
+
+def test_effects_are_named_only_where_the_verdict_names(run: Run) -> None:
+    named = run.case.verdict in ("effect_found", "ambiguous")
+    assert [e["name"] for e in run.content["effects"]] == (list(run.case.effects) if named else [])
+    for effect in run.content["effects"]:
+        assert set(effect) == {"name", "probability", "parameters", "indistinguishable_from"}
+        for p in effect["parameters"].values():
+            assert set(p) == {"value", "std", "unit"}
+        assert bool(effect["indistinguishable_from"]) == (run.case.verdict == "ambiguous")
+
+
+def test_fitted_strength_is_the_true_one_within_its_error(run: Run) -> None:
+    for effect in run.content["effects"]:
+        for name, p in effect["parameters"].items():
+            assert abs(p["value"] - run.case.effects[effect["name"]][name]) < 4.0 * p["std"]
+
+
+def test_regions_are_given_strongest_first(run: Run) -> None:
+    found = run.content["where"]
+    for region in found:
+        assert {"axis", "low", "high", "p_value", "sign"} <= set(region)
+        assert region["sign"] in (-1, 1)
+        lists = [isinstance(region[key], list) for key in ("axis", "low", "high")]
+        assert lists in ([True] * 3, [False] * 3)
+    assert [r["p_value"] for r in found] == sorted(r["p_value"] for r in found)
+    expected = run.case.verdict in ("effect_found", "ambiguous", "unexplained")
+    assert bool(found and found[0]["p_value"] < 0.01) == expected
+
+
+def test_a_found_effect_shrinks_the_discrepancy_on_unseen_data_more_than_its_rival(run: Run) -> None:
+    if run.case.verdict not in ("effect_found", "ambiguous"):
+        pytest.skip("nothing was named")
+    fit, rival = run.content["fit"], run.content["held_out"]["best_rival"]
+    assert fit["held_out_chi2_per_point"]["after"] < fit["held_out_chi2_per_point"]["before"]
+    assert fit["gap_closed"] > max(0.8, rival["gap_closed"])
+
+
+def test_untestable_data_leave_the_priors(run: Run) -> None:
+    if run.case.verdict != "not_testable":
+        pytest.skip("tested")
+    known = {a["name"]: a["probability"] for a in run.content["alternatives"]}
+    assert known["none"] == pytest.approx(0.5)
+    assert known["unknown"] == pytest.approx(0.1)
+    assert known["floating_body"] == pytest.approx(0.4 / len(BY_NAME))
+    assert run.content["fit"]["gap_closed"] is None
+    assert run.content["reasons"]
+
+
+def test_the_model_beside_it_holds_what_the_report_says(run: Run) -> None:
+    read = read_model(run.folder / "model.toml")
+    assert list(read.effect_parameters) == [e["name"] for e in run.content["effects"]]
+    for effect in run.content["effects"]:
+        for name, p in effect["parameters"].items():
+            assert read.effect_parameters[effect["name"]][name].value == p["value"]
+
+
+def test_the_page_stands_alone(run: Run) -> None:
+    page = run.page
+    for outside in ("http://", "https://", "<script", "<link", "@import", "url(", "javascript:"):
+        assert outside not in page.lower()
+    assert all(source.startswith("data:image/png;base64,") for source in re.findall(r'src="([^"]*)', page))
+    assert page.count("<img") == len(list((run.folder / "pictures").glob("*.png")))
+
+
+def test_the_page_escapes_what_files_say(run: Run) -> None:
+    assert "slides &lt;i&gt;&amp; more.csv" in run.page
+    assert "<i>" not in run.page
+    assert "<b>" not in run.page
+
+
+def test_the_page_opens_with_the_verdict_in_words(run: Run) -> None:
+    heading = re.search(r"<h1>(.*?)</h1>", run.page, re.DOTALL)
+    assert heading is not None
+    words = {
+        "no_discrepancy": "nothing missing",
+        "effect_found": "Load dependent friction is missing from the model",
+        "ambiguous": "cannot tell which: series resistance, amplifier bandwidth",
+        "unexplained": "no effect that this program knows",
+        "not_testable": "cannot test the model",
+    }
+    assert words[run.case.verdict] in heading[1]
+
+
+def test_pictures_are_pngs_of_a_sensible_size(run: Run) -> None:
+    drawn = sorted((run.folder / "pictures").glob("*.png"))
+    expected = ["fingerprint", "held_out", "probabilities", "residual_map"] if run.case.stated_noise else []
+    assert [p.stem for p in drawn] == expected
+    for path in drawn:
+        content = path.read_bytes()
+        assert content.startswith(b"\x89PNG")
+        width, height = (int.from_bytes(content[i : i + 4], "big") for i in (16, 20))
+        assert 300 < height < 2000
+        assert 600 < width < 2200
+
+
+def test_every_candidate_needs_data_to_be_tested(run: Run) -> None:
+    untested = {e["name"]: e["why"] for e in run.content["not_tested"]}
+    if run.case.stated_noise:
+        assert untested["contact_ageing"] == "needs time_s, varied"
+
+
+def test_the_same_seed_gives_the_same_report(run: Run) -> None:
+    again = report(run.diagnosis, FINGER, run.content["model"])
+    again["data"]["file"] = run.content["data"]["file"]
+    assert again == run.content
+
+
+def test_two_effects_read_as_a_sentence() -> None:
+    content: dict[str, Any] = {
+        "verdict": "effect_found",
+        "effects": [{"name": "floating_body"}, {"name": "drive_gain_error"}],
+        "probability": 0.98,
+        "fit": {"gap_closed": 0.913},
+    }
+    expected = "Floating body and drive gain error are missing from the model: probability 0.980; "
+    assert sentence(content) == expected + "adding them closes 91 % of the gap on data left out of the fit."
+
+
+def test_time_is_drawn_where_there_is_one(tmp_path: Path) -> None:
+    source = tmp_path / "d.csv"
+    write_data(source, CASES[0])
+    data = read_measurements(source)
+    timed = replace(data, columns=data.columns | {"time_s": np.arange(data.count) * 5.0})
+    found = diagnose(FINGER, timed)
+    drawn = pictures(found)
+    assert "residual_over_time" in drawn
+    write_html(report(found, FINGER, "model.toml"), drawn, tmp_path / "page.html")
+    assert (tmp_path / "page.html").read_text(encoding="utf-8").count("<img") == 5
+
+
+def test_a_model_with_the_effect_already_on_says_so(tmp_path: Path) -> None:
+    source = tmp_path / "d.csv"
+    write_data(source, CASES[1])
+    exponent = {"exponent": Parameter(0.7, "1", "known")}
+    given: ModelDescription = replace(FINGER, effect_parameters={"load_dependent_friction": exponent})
+    content = write_report(diagnose(given, read_measurements(source)), given, tmp_path / "out", "d.csv")
+    assert content["verdict"] == "no_discrepancy"
+    assert {"name": "load_dependent_friction", "why": "already in the model"} in content["not_tested"]
+    assert read_model(tmp_path / "out" / "model.toml").effect_parameters["load_dependent_friction"] == exponent

@@ -1,0 +1,76 @@
+"""Models with any effects in any order, and touches of every kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model.description import ModelDescription
+from model.effects import Effect
+from model.touch_model import Conditions, TouchModel
+
+
+@dataclass(frozen=True)
+class Chosen(ModelDescription):
+    """A description whose effects are given as they are, in their order, and need not come from a file."""
+
+    chosen: tuple[Effect, ...] = ()
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        return self.chosen
+
+
+@pytest.fixture(scope="session")
+def with_effects(models: dict[str, TouchModel]) -> Callable[..., TouchModel]:
+    """A model of another (the reference by default) with these effects, on the same table."""
+
+    def make(*effects: Effect, base: TouchModel | None = None) -> TouchModel:
+        base = base or models["reference"]
+        own = {f.name: getattr(base.description, f.name) for f in fields(ModelDescription)}
+        model = TouchModel(Chosen(**own, chosen=effects))
+        model.__dict__["table"] = base.table
+        return model
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def median() -> Callable[[type[Effect]], Effect]:
+    """An effect at its prior medians, moved by `x` standard deviations."""
+
+    def make(effect: type[Effect], x: float = 0.0) -> Effect:
+        return effect(**{p.name: float(p.from_normal(x)) for p in effect.parameters()})
+
+    return make
+
+
+def columns(n: int, seed: int) -> dict[str, Any]:
+    rng = np.random.default_rng(seed)
+    waveform = np.array(["sine", "square", "dc"])[np.arange(n) % 3]
+    voltage = np.where(np.arange(n) % 5 == 4, 0.0, rng.uniform(1.0, 100.0, n))
+    return {
+        "frequency_hz": 10.0 ** rng.uniform(-1.0, 6.0, n),
+        "voltage_v": voltage,
+        "normal_force_n": 10.0 ** rng.uniform(-1.3, 0.3, n),
+        "waveform": waveform,
+        "speed_m_s": 10.0 ** rng.uniform(-3.0, -0.7, n),
+        "time_s": rng.uniform(0.0, 600.0, n),
+    }
+
+
+@pytest.fixture(scope="session")
+def unbiased() -> Conditions:
+    """Sines, square waves and direct voltages, some of them of 0 V; speeds, times."""
+    return Conditions(**columns(45, 1))
+
+
+@pytest.fixture(scope="session")
+def biased() -> Conditions:
+    """The same kinds, most of them with a bias of either sign."""
+    offset = np.where(np.arange(45) % 4 == 3, 0.0, np.random.default_rng(3).uniform(-60.0, 60.0, 45))
+    return Conditions(**columns(45, 2), voltage_offset_v=offset)

@@ -1,0 +1,188 @@
+"""Effects in a model file: `[effects.NAME]`."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model.description import ModelDescription, read_model
+from model.effects import BY_NAME, CATALOGUE, Effect
+from model.errors import ModelError
+from model.touch_model import Conditions, TouchModel
+
+SHIPPED = (Path(__file__).parents[3] / "configs" / "models" / "reference.toml").read_text(encoding="utf-8")
+RESISTANCE = "[effects.series_resistance]\nresistance_ohm = 1e4\n"
+BANDWIDTH = "[effects.amplifier_bandwidth]\ncutoff_hz = 2e4\norder = 1.5\n"
+every_effect = pytest.mark.parametrize("effect", CATALOGUE, ids=[effect.name for effect in CATALOGUE])
+
+
+@pytest.fixture
+def read(tmp_path) -> Callable[..., ModelDescription]:
+    """The shipped finger with more lines at its end."""
+
+    def model(*tables: str) -> ModelDescription:
+        path = tmp_path / "finger.toml"
+        path.write_text("\n".join([SHIPPED, *tables]), encoding="utf-8")
+        return read_model(path)
+
+    return model
+
+
+def table(effect: type[Effect], **changes: str | None) -> str:
+    entries = {p.name: repr(p.median) for p in effect.parameters()} | changes
+    return "\n".join([f"[effects.{effect.name}]", *(f"{k} = {v}" for k, v in entries.items() if v is not None)])
+
+
+def test_without_a_table_there_is_no_effect(read) -> None:
+    assert read().effects == ()
+    assert read("[effects]").effects == ()
+    assert read("[effects]").content_hash == read().content_hash
+
+
+@every_effect
+def test_every_effect_is_read(read, effect: type[Effect]) -> None:
+    found = read(table(effect))
+    assert found.effects == (effect(**{p.name: p.median for p in effect.parameters()}),)
+    assert {n: p.unit for n, p in found.effect_parameters[effect.name].items()} == {
+        p.name: p.unit for p in effect.parameters()
+    }
+    assert found.content_hash != read().content_hash
+    assert json.loads(json.dumps(found.provenance())) == found.provenance()
+    assert list(found.provenance()["effects"]) == [effect.name]
+
+
+@every_effect
+def test_every_parameter_must_be_given_and_in_range(read, effect: type[Effect]) -> None:
+    for p in effect.parameters():
+        with pytest.raises(ModelError, match=rf"\[effects\.{effect.name}\]: {p.name} is missing") as caught:
+            read(table(effect, **{p.name: None}))
+        assert all(known.name in caught.value.hint for known in effect.parameters())
+        for wrong in (p.low - 0.01 * abs(p.low) - 1e-30, 1.01 * p.high):
+            with pytest.raises(ModelError, match=rf"finger\.toml, \[effects\.{effect.name}\]: {p.name} = ") as caught:
+                read(table(effect, **{p.name: repr(wrong)}))
+            assert "out of range" in caught.value.message
+            assert p.unit in caught.value.hint
+        for end in (p.low, p.high):
+            (found,) = read(table(effect, **{p.name: repr(end)})).effects
+            assert getattr(found, p.name) == end
+        for wrong in ("inf", "nan", "true", '"1"', "[1.0]"):
+            with pytest.raises(ModelError, match=f"{p.name}: .* is not a finite number"):
+                read(table(effect, **{p.name: wrong}))
+
+
+@every_effect
+def test_any_changed_value_changes_the_hash(read, effect: type[Effect]) -> None:
+    hashes = {read(table(effect)).content_hash}
+    for p in effect.parameters():
+        near = p.median * (1.0 + 1e-12) if p.median else 1e-12
+        hashes.add(read(table(effect, **{p.name: repr(near)})).content_hash)
+    assert len(hashes) == 1 + len(effect.parameters())
+
+
+@pytest.mark.parametrize(
+    ("wrong", "choice"),
+    [
+        ("series_resistence", "series_resistance"),
+        ("amplifier_bandwith", "amplifier_bandwidth"),
+        ("johnson_rahbek", "johnsen_rahbek"),
+        ("contact_aging", "contact_ageing"),
+    ],
+)
+def test_an_unknown_effect_is_an_error_with_the_nearest(read, wrong: str, choice: str) -> None:
+    with pytest.raises(ModelError, match=rf"\[effects\]: unknown key '{wrong}'") as caught:
+        read(f"[effects.{wrong}]\nx = 1.0")
+    assert f"Did you mean '{choice}'?" in caught.value.hint
+    assert all(name in caught.value.hint for name in BY_NAME)
+
+
+def test_an_unknown_parameter_is_an_error_with_the_nearest(read) -> None:
+    with pytest.raises(ModelError, match=r"\[effects\.series_resistance\]: unknown key 'resistance'") as caught:
+        read("[effects.series_resistance]\nresistance = 1e4")
+    assert "Did you mean 'resistance_ohm'?" in caught.value.hint
+    with pytest.raises(ModelError, match="unknown key 'sd'") as caught:
+        read("[effects.series_resistance]\nresistance_ohm = { value = 1e4, sd = 1.0 }")
+    assert "Did you mean 'std'?" in caught.value.hint
+
+
+def test_what_is_no_table_is_refused(read, tmp_path) -> None:
+    with pytest.raises(ModelError, match=r"\[effects\]: series_resistance is not a table") as caught:
+        read("[effects]\nseries_resistance = 1e4")
+    assert "resistance_ohm" in caught.value.hint
+    path = tmp_path / "flat.toml"
+    path.write_text("effects = 3\n" + SHIPPED, encoding="utf-8")
+    with pytest.raises(ModelError, match=r"\[effects\]: is not a table"):
+        read_model(path)
+
+
+def test_std_and_source_are_kept_and_do_not_count(read) -> None:
+    rich = read('[effects.series_resistance]\nresistance_ohm = { value = 1e4, std = 500.0, source = "ohmmeter" }')
+    parameter = rich.effect_parameters["series_resistance"]["resistance_ohm"]
+    assert (parameter.value, parameter.std, parameter.source, parameter.unit) == (1e4, 500.0, "ohmmeter", "ohm")
+    assert rich.content_hash == read(RESISTANCE).content_hash
+    assert rich.provenance() != read(RESISTANCE).provenance()
+    with pytest.raises(ModelError, match=r"resistance_ohm\.std = -1 is negative"):
+        read("[effects.series_resistance]\nresistance_ohm = { value = 1e4, std = -1.0 }")
+
+
+def test_effects_are_in_the_catalogues_order_whatever_the_files(read) -> None:
+    one, other = read(RESISTANCE, BANDWIDTH), read(BANDWIDTH, RESISTANCE)
+    assert [effect.name for effect in one.effects] == ["amplifier_bandwidth", "series_resistance"]
+    assert one.effects == other.effects
+    assert one.content_hash == other.content_hash
+
+
+def test_an_origin_is_allowed_and_does_not_count(read) -> None:
+    fitted = read('[origin]\nfitted_to = "a table of measurements"\nrows = 12\n')
+    assert fitted.content_hash == read().content_hash
+    with pytest.raises(ModelError, match="unknown key 'orgin'") as caught:
+        read("[orgin]\nrows = 12")
+    assert "Did you mean 'origin'?" in caught.value.hint
+
+
+class TestPrediction:
+    """What a file says reaches the answers."""
+
+    CONDITIONS = Conditions(np.array([250.0, 2e4]), np.array([75.0, 75.0]), np.array([0.5, 0.5]))
+
+    def test_a_files_effects_act(self, read, fresh_tables, with_effects) -> None:
+        model = fresh_tables(TouchModel(read(RESISTANCE, BANDWIDTH)))
+        chosen = with_effects(
+            BY_NAME["amplifier_bandwidth"](cutoff_hz=2e4, order=1.5),
+            BY_NAME["series_resistance"](resistance_ohm=1e4),
+        )
+        got, expected = model.predict(self.CONDITIONS), chosen.predict(self.CONDITIONS)
+        np.testing.assert_array_equal(got.cof, expected.cof)
+        np.testing.assert_array_equal(got.current_rms_a, expected.current_rms_a)
+
+    def test_a_surface_has_the_same_effects(self, models, with_effects) -> None:
+        model = with_effects(
+            BY_NAME["capillary_adhesion"](pressure_pa=400.0), BY_NAME["electrowetting"](0.05, 80.0, 200.0)
+        )
+        f, v, n = np.array([10.0, 1e4]), np.array([0.0, 30.0, 75.0]), np.array([0.2, 1.0])
+        surface = model.surface(f, v, n)
+        grid = [x.ravel() for x in np.meshgrid(f, v, n, indexing="ij")]
+        single = model.predict(Conditions(*grid))
+        for name in ("electrostatic_force_n", "cof", "current_rms_a", "within_theory"):
+            np.testing.assert_array_equal(getattr(surface, name).ravel(), getattr(single, name))
+        assert surface.stuck_current_rms_a.shape == (2, 3)
+        assert not surface.pulled_in.any()
+
+    def test_an_effect_that_is_off_gives_the_surface_of_the_grid(self, models, with_effects) -> None:
+        """Point by point against the inverted curve."""
+        f, v, n = np.array([10.0, 250.0, 1e5]), np.array([0.0, 30.0, 120.0]), np.array([0.1, 0.5, 1.5])
+        grid = models["reference"].surface(f, v, n)
+        points = with_effects(BY_NAME["skin_hydration"].off()).surface(f, v, n)
+        for name in ("electrostatic_force_n", "cof", "current_rms_a", "stuck_current_rms_a"):
+            # cubic between 128 nodes of pressure: 1e-6, amplified where the curve is steep
+            np.testing.assert_allclose(getattr(points, name), getattr(grid, name), rtol=1e-5, atol=1e-12)
+
+    def test_the_hash_follows_the_description(self, read) -> None:
+        model = read(RESISTANCE)
+        parameter = model.effect_parameters["series_resistance"]["resistance_ohm"]
+        other = replace(
+            model, effect_parameters={"series_resistance": {"resistance_ohm": replace(parameter, value=1.1e4)}}
+        )
+        assert other.content_hash != model.content_hash
