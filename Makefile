@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test lint bench clean
+.PHONY: demo demo-diagnosis test lint bench blind clean
 
 .venv/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -18,6 +18,9 @@ BIN := .venv/bin
 demo: .venv/.runtime
 	$(BIN)/haptic demo --out out/demo
 
+demo-diagnosis: .venv/.runtime
+	$(BIN)/python -m haptic_driver.experiments.closed_loop --out out/demo-diagnosis
+
 lint: .venv/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -29,6 +32,13 @@ test: lint
 
 bench: .venv/.test
 	$(BIN)/python -m benchmarks
+
+# The full suite at SCALE 1 has 3,700 sets and takes hours; labels are opened after the last verdict.
+SCALE ?= 0.1
+SEED ?= 2
+blind: .venv/.test
+	$(BIN)/python -m tests.blind.generator --out out/blind --seed $(SEED) --scale $(SCALE) --workers 2
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.blind.evaluate --sets out/blind --out out/blind/results.md
 
 clean:
 	rm -rf .venv out

@@ -99,7 +99,8 @@ class ControllerConfig(_Section):
 class SimulationConfig(_Section):
     """How the simulated instruments and finger behave.
 
-    `hide`: effects, by name with their parameters, that the finger has and the model that drives the rig does not.
+    `model`: the finger's own, where it is not the one that drives the rig. `hide`: effects, by name with their
+    parameters, that the finger has and the model that drives the rig does not.
     """
 
     amplitude_latency_s: NotNegative = 0.030
@@ -108,6 +109,7 @@ class SimulationConfig(_Section):
     force_noise_n: NotNegative = 0.003
     force_range_n: Positive = 20.0
     seed: int = 1
+    model: str | None = None
     hide: dict[str, dict[str, FiniteFloat]] = {}
 
 

@@ -55,7 +55,8 @@ def demo(
     limits = config.operating_limits()
     file = read_surface(surface) if surface is not None else build_surface(description, limits)
     settings = tick_settings(config, file, wanted)
-    with SimulatedRig(config, TouchModel(description)) as bench, progress("sliding", slide.time_s.size) as advance:
+    finger = description if config.simulation.model is None else load_model(config.simulation.model)
+    with SimulatedRig(config, TouchModel(finger)) as bench, progress("sliding", slide.time_s.size) as advance:
         record = render_slide(slide, wanted, settings, bench, advance)
     result = score(record)
     picture = _draw(record, texture, out)

@@ -1,7 +1,7 @@
 """Score the diagnosis workflow, and two baselines, on sets whose labels it never sees.
 
-`python -m tests.blind.evaluate --sets DIR --out FILE.md` diagnoses DIR/sets/*.csv, opens DIR/labels.json only afterwards,
-and writes a table with Wilson intervals by visibility.
+`python -m tests.blind.evaluate --sets DIR --out FILE.md` diagnoses DIR/sets/*.csv, opens DIR/labels.json only
+afterwards, and writes a table with Wilson intervals by visibility.
 """
 
 from __future__ import annotations
@@ -135,10 +135,11 @@ def table(answers: dict[str, Answer], labels: dict[str, Any]) -> str:
         n = len(part2)
         lines.append(
             f"| {low}..{high} | {wilson(sum(g.verdict == 'unexplained' for g in part2), n)} | "
-            f"{wilson(sum(g.verdict == 'effect_found' for g in part2), n)} | {wilson(sum(g.aicc != 'none' for g in part2), n)} |"
+            f"{wilson(sum(g.verdict == 'effect_found' for g in part2), n)} | "
+            f"{wilson(sum(g.aicc != 'none' for g in part2), n)} |"
         )
     if double:
-        both = sum(set(e["name"] for e in l_["effects"]) <= {*g.names, *g.group} for l_, g in double)
+        both = sum({e["name"] for e in l_["effects"]} <= {*g.names, *g.group} for l_, g in double)
         some = sum(any(e["name"] in (*g.names, *g.group) for e in l_["effects"]) for l_, g in double)
         wrong = sum(
             g.verdict == "effect_found" and not {e["name"] for e in l_["effects"]} & set(g.names) for l_, g in double

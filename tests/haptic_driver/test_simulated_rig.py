@@ -118,8 +118,8 @@ def test_lifting_takes_the_voltage_off_at_once(stages, rig_config, touch):
 def test_friction_of_the_plant_is_the_models(touch):
     friction_n = friction_of(touch)
     answer = touch.predict(Conditions(*(np.array([x]) for x in (250.0, 75.0, 0.5)))).cof[0]
-    assert friction_n(250.0, 75.0, 0.5, 0.05) == pytest.approx(0.5 * answer, rel=1e-12)
-    assert friction_n(250.0, 75.0, 0.0, 0.05) == 0.0
+    assert friction_n(250.0, 75.0, 0.5, 0.05, 0.0) == pytest.approx(0.5 * answer, rel=1e-12)
+    assert friction_n(250.0, 75.0, 0.0, 0.05, 0.0) == 0.0
 
 
 # --- faults ----------------------------------------------------------------------------------------------------

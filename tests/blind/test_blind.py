@@ -1,0 +1,77 @@
+"""The 24 fixed blind sets: what the diagnosis may and may not say. `make blind` runs the whole suite."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.blind.evaluate import Answer, run
+
+ROOT = Path(__file__).resolve().parents[2]
+CLEAR = 75.0  # lambda from which an effect counts as clearly visible
+
+
+@pytest.fixture(scope="module")
+def outcome(tmp_path_factory):
+    """Answers of the workflow, and only then the labels."""
+    folder = tmp_path_factory.mktemp("blind")
+    command = [sys.executable, "-m", "tests.blind.generator", "--ci", "--out", str(folder), "--workers", "2"]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=280, env=dict(os.environ))
+    answers = run(folder, 2)
+    return answers, json.loads((folder / "labels.json").read_text())
+
+
+def pick(outcome, wanted) -> list[tuple[dict, Answer]]:
+    answers, labels = outcome
+    return [(labels[name], got) for name, got in answers.items() if wanted(labels[name])]
+
+
+def names(label: dict) -> set[str]:
+    return {effect["name"] for effect in label["effects"]}
+
+
+@pytest.mark.timeout(600)
+def test_no_set_fails(outcome) -> None:
+    answers, _ = outcome
+    assert len(answers) == 24
+    assert [got.error for got in answers.values() if got.error] == []
+
+
+def test_nothing_hidden_is_never_given_a_name(outcome) -> None:
+    null = pick(outcome, lambda label: not label["effects"])
+    assert len(null) >= 6
+    assert [got.names for _, got in null if got.verdict in ("effect_found", "ambiguous")] == []
+
+
+def test_a_clearly_visible_effect_is_found_or_its_group(outcome) -> None:
+    clear = pick(
+        outcome,
+        lambda label: (
+            len(label["effects"]) == 1
+            and not label["effects"][0]["stranger"]
+            and label["effects"][0]["lambda"] >= CLEAR
+        ),
+    )
+    assert len(clear) >= 10
+    missed = [(names(label), got) for label, got in clear if not names(label) & {*got.names, *got.group}]
+    assert missed == []
+
+
+def test_no_wrong_name_is_given(outcome) -> None:
+    wrong = [
+        (names(label), got.names)
+        for label, got in pick(outcome, lambda _: True)
+        if got.verdict == "effect_found" and not names(label) & set(got.names)
+    ]
+    assert wrong == []
+
+
+def test_strangers_are_unexplained(outcome) -> None:
+    strangers = pick(outcome, lambda label: any(effect["stranger"] for effect in label["effects"]))
+    assert len(strangers) >= 3
+    assert {got.verdict for _, got in strangers} == {"unexplained"}
