@@ -1,0 +1,120 @@
+"""`haptic diagnose`: the contract of its JSON, its files, and what bad data are told."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+
+import pytest
+
+from haptic_driver.cli.main import main
+
+KEYS = {"verdict", "adequate", "effects", "alternatives", "where", "fit", "model", "seed"}
+CATALOGUE = 20
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """Friction on a simulated rig whose finger hides humid conduction in the gap."""
+    folder = tmp_path_factory.mktemp("measured")
+    plan = folder / "plan.toml"
+    plan.write_text(
+        'name = "small"\nabout = "for a test"\nfrequency_hz = [5, 20, 80, 250]\nvoltage_v = [60, 100, 130]\n'
+        "normal_force_n = [0.3, 0.8]\nspeed_m_s = [0.02]\nrepeats = 1\nsessions = 3\nvoltage_off_every = 4\n"
+    )
+    path = folder / "data.csv"
+    assert main(["measure", "--rig", "hidden_humidity", "--plan", str(plan), "--out", str(path), "--json"]) == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def found(data, tmp_path_factory):
+    out = tmp_path_factory.mktemp("found")
+    assert main(["diagnose", str(data), "--model", "reference", "--out", str(out), "--seed", "3", "--json"]) == 0
+    return out, json.loads((out / "report.json").read_text())
+
+
+def test_the_contract(found) -> None:
+    _, said = found
+    assert set(said) >= KEYS
+    assert said["seed"] == 3
+    assert said["verdict"] in {"no_discrepancy", "effect_found", "ambiguous", "unexplained", "not_testable"}
+    assert set(said["fit"]) >= {"chi2_per_point", "held_out_chi2_per_point", "gap_closed", "gap_closed_interval"}
+    assert len(said["alternatives"]) == CATALOGUE + 2
+    assert {"none", "unknown"} <= {a["name"] for a in said["alternatives"]}
+    probabilities = [a["probability"] for a in said["alternatives"]]
+    assert math.isclose(sum(probabilities), 1.0, abs_tol=1e-9)
+    assert probabilities == sorted(probabilities, reverse=True)
+    for region in said["where"]:
+        assert set(region) >= {"axis", "low", "high", "p_value", "sign"}
+
+
+def test_the_hidden_effect_is_found_or_listed(found) -> None:
+    _, said = found
+    assert said["verdict"] in {"effect_found", "ambiguous"}
+    listed = {e["name"] for e in said["effects"]} | {n for e in said["effects"] for n in e["indistinguishable_from"]}
+    assert "humid_gap_conduction" in listed
+    held = said["fit"]["held_out_chi2_per_point"]
+    assert held["after"] < 0.5 * held["before"]
+
+
+def test_the_model_it_writes_can_be_used(found, tmp_path) -> None:
+    out, said = found
+    assert said["model"] == str(out / "model.toml")
+    conditions = tmp_path / "conditions.csv"
+    conditions.write_text("frequency_hz,voltage_v,normal_force_n\n50,100,0.5\n")
+    answer = {}
+    for model in ("reference", said["model"]):
+        target = tmp_path / "out.csv"
+        assert main(["predict", "--table", str(conditions), "--out", str(target), "--model", model]) == 0
+        with target.open() as file:
+            answer[model] = float(next(csv.DictReader(file))["cof"])
+    assert answer[said["model"]] < answer["reference"] - 0.01  # conduction takes force away at 50 Hz
+
+
+def test_the_page_is_there(found) -> None:
+    out, _ = found
+    page = (out / "report.html").read_text()
+    assert "humid" in page
+    assert "<script" not in page
+
+
+def test_stdout_holds_the_report_alone(data, tmp_path, capsys) -> None:
+    assert main(["diagnose", str(data), "--out", str(tmp_path), "--json"]) == 0
+    assert set(json.loads(capsys.readouterr().out)) >= KEYS
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "has no rows"),
+        ("frequency_hz,voltage_v,cof\n250,75,0.6\n", "normal_force_n is missing"),
+        ("frequency_hz,voltage_v,normal_force_n,cof\n250,75,0.5,high\n", "line 2: cof is 'high'"),
+        ("frequency_hz,voltage_v,normal_force_n,cof\n250,75,500,0.6\n", "normal_force_n = 500 is out of range"),
+        ("frequency_hz,voltage_v,normal_force_n,cof,waveform\n250,75,0.5,0.6,triangle\n", "triangle"),
+    ],
+)
+def test_bad_data_are_told_where(tmp_path, capsys, text, words) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    assert main(["diagnose", str(path), "--out", str(tmp_path / "out"), "--json"]) == 2
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert words in error["message"]
+    assert error["hint"]
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_file(tmp_path, capsys) -> None:
+    assert main(["diagnose", str(tmp_path / "no.csv"), "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["error"]["code"] == "bad_data"
+
+
+def test_without_noise_nothing_can_be_tested(tmp_path, capsys) -> None:
+    rows = [f"{10 * (i + 1)},{50 + i},{0.3 + 0.01 * i},{0.55 + 0.001 * i}" for i in range(30)]
+    path = tmp_path / "single.csv"
+    path.write_text("frequency_hz,voltage_v,normal_force_n,cof\n" + "\n".join(rows) + "\n")
+    assert main(["diagnose", str(path), "--out", str(tmp_path / "out"), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["verdict"] == "not_testable"
+    assert len(said["alternatives"]) == CATALOGUE + 2
