@@ -11,11 +11,17 @@ import numpy as np
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.render.correction import Correction
 from haptic_driver.surface_file import Array, SurfaceFile
 from model.description import ModelDescription
-from model.touch_model import TouchModel
+from model.effects.base import SPEED_REFERENCE_M_S
+from model.touch_model import Conditions, TouchModel
 
 MOST_POINTS = 20_000_000
+CORRECTION_FREQUENCIES = 25
+CORRECTION_SPEEDS_M_S = np.geomspace(1e-3, 0.5, 15)
+CORRECTION_VOLTAGES = np.array([0.1, 0.3, 0.5, 0.65, 0.8, 0.9, 1.0])  # of the highest
+CORRECTION_TIMES_S = np.concatenate([[0.0], np.geomspace(0.1, 1e5, 60)])
 
 
 @dataclass(frozen=True)
@@ -97,4 +103,36 @@ def build_surface(
             "scipy": version("scipy"),
             "built_at": datetime.now(UTC).isoformat(timespec="seconds"),
         },
+        correction=_correction(touch, axes),
+    )
+
+
+def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:
+    """What speed and time do to friction by this model; None where it has no effect of either."""
+    if not any(effect.needs for effect in touch.description.effects):
+        return None
+    f = np.geomspace(axes.frequency_low_hz, axes.frequency_high_hz, CORRECTION_FREQUENCIES)
+    n, speed = axes.normal_force_n, CORRECTION_SPEEDS_M_S
+    shape = (f.size, n.size, speed.size)
+    voltage = CORRECTION_VOLTAGES * axes.voltage_high_v
+    grid_f, grid_n, grid_s = (g.ravel() for g in np.meshgrid(f, n, speed, indexing="ij"))
+
+    def cof(voltage_v: float, speed_m_s: Array, time_s: float) -> Array:
+        level = np.full(grid_f.shape, voltage_v)
+        at = Conditions(grid_f, level, grid_n, speed_m_s=speed_m_s, time_s=np.full(grid_f.shape, time_s))
+        return touch.predict(at).cof.reshape(shape)
+
+    reference = np.full(grid_f.shape, SPEED_REFERENCE_M_S)
+    off, off_reference = cof(0.0, grid_s, 0.0), cof(0.0, reference, 0.0)
+    gain = [(cof(v, grid_s, 0.0) - off) / (cof(v, reference, 0.0) - off_reference) for v in voltage]
+    over_time = [cof(0.0, reference, float(t))[0, 0, 0] for t in CORRECTION_TIMES_S]
+    return Correction(
+        log_frequency=np.log(f),
+        log_normal_force=np.log(n),
+        log_speed=np.log(speed),
+        voltage_v=voltage,
+        time_s=CORRECTION_TIMES_S,
+        off_factor=(off / off_reference)[0],
+        gain_factor=np.stack(gain, axis=-1),
+        time_factor=np.array(over_time) / off_reference[0, 0, 0],
     )

@@ -1,7 +1,8 @@
 """The lookup surface as a file: HDF5, readable from MATLAB, with full provenance and a content hash.
 
 Datasets `frequency_hz` [f], `voltage_v` [v], `normal_force_n` [n]; `cof`, `electrostatic_force_n`, `current_rms_a` and
-the masks `pulled_in`, `within_theory`, `within_limits` [f, v, n]; `stuck_current_rms_a`, `slew_v_per_s` [f, v].
+the masks `pulled_in`, `within_theory`, `within_limits` [f, v, n]; `stuck_current_rms_a`, `slew_v_per_s` [f, v]; where
+speed or time matter, the fields of `render/correction.py` as `correction_*`.
 Attributes are strings and floats only (MATLAB's h5readatt fails on integers).
 """
 
@@ -22,10 +23,12 @@ from scipy.interpolate import CubicSpline
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.render.correction import Correction
 from haptic_driver.render.surface import Surface
 
 FORMAT = "haptic-driver surface"
 FORMAT_VERSION = 1.0
+CORRECTION = "correction_"  # before the names of a correction's datasets
 ROUNDING = 1e-9  # kept clear of a limit, so that its own check by another path never fails by rounding
 FORCE_REFINEMENT = 4  # cells of the look-up per cell of the file along normal force, by a cubic through all levels
 
@@ -49,6 +52,7 @@ class SurfaceFile:
     within_theory: Mask
     within_limits: Mask
     provenance: dict[str, Any]
+    correction: Correction | None = None
 
     @property
     def content_hash(self) -> str:
@@ -62,7 +66,9 @@ class SurfaceFile:
         return digest.hexdigest()
 
     def _datasets(self) -> dict[str, NDArray[Any]]:
-        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "provenance"}
+        own = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("provenance", "correction")}
+        more = {} if self.correction is None else self.correction._asdict()
+        return own | {f"{CORRECTION}{name}": values for name, values in more.items()}
 
     def write(self, path: Path) -> None:
         """Write atomically: a reader sees the old file or the new one, never half of one."""
@@ -100,14 +106,17 @@ def read_surface(path: Path) -> SurfaceFile:
                 raise BadInputError(
                     "surface_version", f"{path}: has format {version:g}, this program reads {FORMAT_VERSION:g}", rebuild
                 )
-            names = [f.name for f in fields(SurfaceFile) if f.name != "provenance"]
+            names = [f.name for f in fields(SurfaceFile) if f.name not in ("provenance", "correction")]
             arrays = {name: file[name][...] for name in names}
+            corrected = f"{CORRECTION}off_factor" in file
+            more = {name: file[f"{CORRECTION}{name}"][...] for name in Correction._fields} if corrected else {}
             provenance = json.loads(file.attrs["provenance"])
             stored_hash = str(file.attrs["content_hash"])
         masks = ("pulled_in", "within_theory", "within_limits")
         surface = SurfaceFile(
             **{n: a.astype(bool) if n in masks else a.astype(np.float64) for n, a in arrays.items()},
             provenance=provenance,
+            correction=Correction(**more) if corrected else None,
         )
         intact = surface.content_hash == stored_hash
     except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:

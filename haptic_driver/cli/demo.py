@@ -67,7 +67,9 @@ def demo(
 def tick_settings(config: RigConfig, file: SurfaceFile, texture: Texture) -> TickSettings:
     """The stages of one rig, told about a surface and a texture."""
     limits = config.operating_limits()
-    controller = ControllerSettings(ready_for_lookup(file, limits), **config.controller.model_dump(), limits=limits)
+    controller = ControllerSettings(
+        ready_for_lookup(file, limits), **config.controller.model_dump(), limits=limits, correction=file.correction
+    )
     finger = FingerSettings(**config.finger.model_dump(), output_latency_s=config.output.latency_s)
     drive = DriveSettings(config.output.voltage_rise_v_per_s)
     return TickSettings(finger, texture, Controller(controller), limits, drive)

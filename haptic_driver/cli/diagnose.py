@@ -30,9 +30,8 @@ def diagnose(
 
     Example: `haptic diagnose data.csv --model reference --out diagnosis`
     """
-    from model.diagnosis.report import write_report  # noqa: PLC0415
-
     from model.diagnosis.data import read_measurements  # noqa: PLC0415  (diagnosis imports are slow)
+    from model.diagnosis.report import write_report  # noqa: PLC0415
     from model.diagnosis.workflow import diagnose as run  # noqa: PLC0415
 
     description = load_model(model)

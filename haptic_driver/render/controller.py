@@ -13,6 +13,7 @@ import numpy as np
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.render.correction import Correction
 from haptic_driver.render.surface import (
     LOG_FREQUENCY,
     MERIT_AUTHORITY,
@@ -30,6 +31,7 @@ Policy = Literal["max_authority", "min_voltage", "min_current", "fixed_frequency
 POLICIES: tuple[Policy, ...] = get_args(Policy)
 MERITS = {"min_voltage": MERIT_VOLTAGE, "min_current": MERIT_CURRENT}
 CARRIER_BAND_HZ = 10e3
+CORRECTION_ROUNDS = 4
 CLEAR = 1e-9  # kept clear of a limit against rounding
 WORTH_COMPARING = {MERIT_AUTHORITY: 0.0, MERIT_VOLTAGE: 1.0, MERIT_CURRENT: 1e-6}  # below, costs are as good as equal
 
@@ -40,6 +42,7 @@ class ControllerSettings:
 
     `hysteresis`: how much better (relative) another frequency must be before the carrier moves there.
     `fixed_frequency_hz` belongs to the policy `fixed_frequency`; between the surface's nodes `limits` hold exactly.
+    `correction`: what the finger's speed and the time do to friction, where the model says they do anything.
     """
 
     surface: Surface
@@ -48,6 +51,7 @@ class ControllerSettings:
     lowest_carrier_hz: float = 100.0
     hysteresis: float = 0.05
     limits: OperatingLimits | None = None
+    correction: Correction | None = None
 
     def __post_init__(self) -> None:
         """Refuse settings under which no frequency could be chosen."""
@@ -108,18 +112,41 @@ class Controller:
         """
         if not target.active or not target.cof > 0.0 or not finger.normal_force_n > 0.0:
             return state, _idle(state)
+        correction = self.settings.correction
+        if correction is not None:
+            return self._corrected(correction, state, target.cof, finger)
         frequency_hz, inverse = self._choose(state.frequency_hz, target.cof, finger.normal_force_n)
-        point = OperatingPoint(
+        return ControllerState(frequency_hz), self._point(frequency_hz, inverse, target.cof)
+
+    def _corrected(
+        self, correction: Correction, state: ControllerState, cof: float, finger: FingerState
+    ) -> tuple[ControllerState, OperatingPoint]:
+        """The same through the correction: the target is taken back to the surface's speed and time, the answer forth.
+
+        The factors depend on the drive that the target asks for, so both are found together, in a few rounds.
+        """
+        force_n = finger.normal_force_n
+        low, _ = self.reachable(force_n)
+        frequency_hz, inverse = self._choose(state.frequency_hz, cof, force_n)
+        for _ in range(CORRECTION_ROUNDS):
+            off, gain = correction.at(frequency_hz, inverse.voltage_v, finger)
+            frequency_hz, inverse = self._choose(frequency_hz, low + (cof - off * low) / gain, force_n)
+        forth = [off * low + gain * (value - low) for value in (inverse.cof, inverse.cof_low, inverse.cof_high)]
+        inverse = inverse._replace(cof=forth[0], cof_low=forth[1], cof_high=forth[2])
+        return ControllerState(frequency_hz), self._point(frequency_hz, inverse, cof)
+
+    @staticmethod
+    def _point(frequency_hz: float, inverse: Inverse, cof: float) -> OperatingPoint:
+        return OperatingPoint(
             frequency_hz=frequency_hz,
             voltage_v=inverse.voltage_v,
             cof=inverse.cof,
             current_rms_a=inverse.current_rms_a,
             stuck_current_rms_a=inverse.stuck_current_rms_a,
-            reachable=inverse.cof_low <= target.cof <= inverse.cof_high,
+            reachable=inverse.cof_low <= cof <= inverse.cof_high,
             cof_low=inverse.cof_low,
             cof_high=inverse.cof_high,
         )
-        return ControllerState(frequency_hz), point
 
     def reachable(self, normal_force_n: float) -> tuple[float, float]:
         """Lowest and highest friction that the policy can reach under a load."""
