@@ -145,7 +145,7 @@ def _name_one(weighed: Weighed, winner: Candidate, group: list[str], probabiliti
     together = sum(probabilities[name] for name in members)
     if probabilities[winner.name] >= SURE and not group and _unusual(winner):
         why = f"{winner.name} would have to be stronger than 99 % of what is expected of it"
-        return Verdict("unexplained", False, weighed.base, probabilities, {}, (why,))
+        return Verdict("ambiguous", True, winner, probabilities, {winner.name: []}, (why,))
     if probabilities[winner.name] >= SURE and not group:
         return Verdict(
             "effect_found", True, winner, probabilities, {winner.name: []}, ("probability and separation are high",)
