@@ -167,13 +167,13 @@ def texture_dirs() -> list[Path]:
 
 def load_rig(name_or_path: str) -> RigConfig:
     """A rig by the name of its file in `configs/rigs/`, or by path."""
-    path = _find(name_or_path, "rigs")
-    return parse(RigConfig, _read_toml(path), str(path))
+    path = find_config(name_or_path, "rigs")
+    return parse(RigConfig, read_toml(path), str(path))
 
 
 def load_model(name_or_path: str) -> ModelDescription:
     """A model by the name of its file in `configs/models/`, or by path."""
-    path = _find(name_or_path, "models")
+    path = find_config(name_or_path, "models")
     try:
         return read_model(path)
     except ModelError as error:
@@ -210,7 +210,8 @@ def _fields_at(schema: type[BaseModel], keys: list[str]) -> list[str]:
     return list(schema.model_fields)
 
 
-def _find(name_or_path: str, kind: str) -> Path:
+def find_config(name_or_path: str, kind: str) -> Path:
+    """The file of that name in a folder `kind` (rigs, models, plans) of the config folders, or the path itself."""
     given = Path(name_or_path)
     if given.suffix == ".toml" or len(given.parts) > 1:
         if given.is_file():
@@ -231,7 +232,8 @@ def _names(kind: str) -> Iterator[str]:
         yield from (path.stem for path in sorted((folder / kind).glob("*.toml")))
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
+def read_toml(path: Path) -> dict[str, Any]:
+    """The content of a TOML file; BadInputError says what is wrong with it."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:

@@ -137,8 +137,8 @@ def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
     nodes = file.normal_force_n
     force = np.geomspace(nodes[0], nodes[-1], (nodes.size - 1) * FORCE_REFINEMENT + 1)
     cof_off = file.cof[:, :1]
-    rise = _refined((file.cof - cof_off) * nodes, file, force, power=2) / force
-    current = _refined(file.current_rms_a, file, force, power=1)
+    rise = _refined((file.cof - cof_off) * nodes, file, force) / force
+    current = _refined(file.current_rms_a, file, force)
     cof = np.where(np.isfinite(rise), rise, np.nanmax(rise)) + cof_off[:, :, :1]
     per_volt = file.stuck_current_rms_a[:, -1] / file.voltage_v[-1]
 
@@ -159,11 +159,10 @@ def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
     )
 
 
-def _refined(values: Array, file: SurfaceFile, force: Array, power: int) -> Array:
-    """`values` [f, v, n] on the finer normal forces: cubic in log(values/V^power) over log force; 0 at V = 0."""
-    voltage = file.voltage_v[1:, None] ** power
-    scaled = np.log(values[:, 1:] / voltage)
+def _refined(values: Array, file: SurfaceFile, force: Array) -> Array:
+    """`values` [f, v, n] on the finer normal forces: cubic in log(values) over log force; 0 at V = 0."""
+    scaled = np.log(values[:, 1:])
     known = np.isfinite(scaled).all(axis=2, keepdims=True)
     spline = CubicSpline(np.log(file.normal_force_n), np.where(known, scaled, 0.0), axis=2)
-    fine = np.where(known, np.exp(spline(np.log(force))) * voltage, np.nan)
+    fine = np.where(known, np.exp(spline(np.log(force))), np.nan)
     return np.concatenate([np.zeros_like(fine[:, :1]), fine], axis=1)

@@ -10,7 +10,7 @@ from math import pi
 
 import numpy as np
 
-from model.dielectrics import EPS0, Array, Dielectric
+from model.dielectrics import EPS0, Array, Dielectric, total_conductivity_s_per_m
 from model.parameters import TouchParameters
 from model.roughness import contact_length_m
 from model.touch import Branch, Values
@@ -32,7 +32,7 @@ def branch(parameters: TouchParameters, dielectric: Dielectric, frequency_hz: Ar
 
 def leak_per_m_pa(parameters: TouchParameters, branch: Branch) -> Values:
     """alpha/(j w eps0) per pascal of total pressure, 1/(m Pa), with the skin's total conductivity at this frequency."""
-    conductivity = -branch.k_skin.imag * branch.omega * EPS0
+    conductivity = total_conductivity_s_per_m(branch.k_skin, branch.omega / (2.0 * pi))
     return leak_conductance_per_pa(parameters, conductivity) / (1j * branch.omega * EPS0)
 
 

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
 
-from haptic_driver.config import config_dirs, parse
+from haptic_driver.config import find_config, parse, read_toml
 from haptic_driver.errors import BadInputError
-from model.errors import nearest
 
 MOST_ROWS = 100_000
 
@@ -130,8 +127,8 @@ class Plan:
 
 def load_plan(name_or_path: str) -> Plan:
     """A plan by the name of its file in `configs/plans/`, or by path; BadInputError says what is wrong where."""
-    path = _find(name_or_path)
-    file = parse(_PlanFile, _read_toml(path), str(path))
+    path = find_config(name_or_path, "plans")
+    file = parse(_PlanFile, read_toml(path), str(path))
     settings: dict[Setting, None] = {}
     shared = file.model_dump(include=set(_Block.model_fields), exclude_none=True)
     for number, block in enumerate(file.points, start=1):
@@ -145,26 +142,3 @@ def load_plan(name_or_path: str) -> Plan:
         raise BadInputError("bad_config", f"{path}: the plan has {count} rows", f"At most {MOST_ROWS} are measured")
     rest = file.model_dump(exclude={"points", *_Block.model_fields})
     return Plan(settings=tuple(settings), **rest)
-
-
-def _find(name_or_path: str) -> Path:
-    given = Path(name_or_path)
-    names = sorted({path.stem for folder in config_dirs() for path in (folder / "plans").glob("*.toml")})
-    if given.suffix == ".toml" or len(given.parts) > 1:
-        if given.is_file():
-            return given
-        raise BadInputError("file_not_found", f"{given}: there is no such file", f"Names found: {', '.join(names)}")
-    for folder in config_dirs():
-        path = folder / "plans" / f"{name_or_path}.toml"
-        if path.is_file():
-            return path
-    raise BadInputError("unknown_plan", f"there is no plan named '{name_or_path}'", nearest(name_or_path, names))
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInputError("file_unreadable", f"{path}: cannot be read ({error})", "Give a readable file") from error
-    except tomllib.TOMLDecodeError as error:
-        raise BadInputError("bad_toml", f"{path}: {error}", "Correct the TOML syntax there") from error

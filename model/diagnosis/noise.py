@@ -18,8 +18,8 @@ MOST_DEGREES = 200.0
 class Noise:
     """Covariance of log friction: diag(`relative_std`^2) + session gain + AR(1), up to one unknown scale.
 
-    The scale's square is inverse-gamma around 1 with `degrees` degrees of freedom; `log_scale_hint` is what the
-    replicates said about the stated noise. `whiten` takes residuals [n] or [n, k] to unit variance.
+    The scale's square is inverse-gamma around 1 with `degrees` degrees of freedom; `source` says where the noise comes
+    from, `replicate_degrees` how many replicates checked it. `whiten` takes residuals [n] or [n, k] to unit variance.
     """
 
     relative_std: Array
