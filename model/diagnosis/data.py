@@ -36,7 +36,8 @@ WANTED = f"Give a CSV with columns {', '.join(REQUIRED)}; optional cof_std, spee
 class Measurements:
     """A data set of n rows: `columns` [n] as floats, `session` [n] as numbers of `session_names`.
 
-    Optional columns that the file does not have are absent from `columns`.
+    Optional columns that the file does not have are absent from `columns`. `effects_on` [n]: the rows in which an
+    effect under test is on; None for all of them.
     """
 
     columns: dict[str, Array]
@@ -44,6 +45,7 @@ class Measurements:
     session_names: tuple[str, ...]
     waveform: NDArray[np.str_] | None
     content_hash: str
+    effects_on: Mask | None = None
 
     @property
     def count(self) -> int:
@@ -84,6 +86,7 @@ class Measurements:
             self.session_names,
             None if self.waveform is None else self.waveform[rows],
             self.content_hash,
+            None if self.effects_on is None else self.effects_on[rows],
         )
 
     def replicate_groups(self) -> NDArray[np.intp]:

@@ -12,14 +12,13 @@ import numpy as np
 
 from model.diagnosis.data import Array
 from model.diagnosis.noise import Noise
-from model.diagnosis.space import Predictor, size
+from model.diagnosis.space import FARTHEST, Predictor, size
 from model.effects import Effect
 
 STEP = 1e-4  # of finite differences, in prior standard deviations
 ITERATIONS = 40
 TOLERANCE = 1e-5
 BAD = 1e3  # stands for a residual that the model cannot give, in standard deviations
-FARTHEST = 6.0  # prior standard deviations
 
 
 @dataclass(frozen=True)

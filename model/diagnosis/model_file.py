@@ -40,9 +40,9 @@ def fitted_nuisances(description: ModelDescription, fit: Fit, source: str = "") 
     found = {}
     for i, nuisance in enumerate(NUISANCES):
         before, specification = description.parameters[nuisance.name], SPECIFICATION[nuisance.name]
-        exact = before.value * np.exp(nuisance.log_std * fit.vector[i])
+        exact = before.value * np.exp(nuisance.log_factor(fit.vector[i]))
         value = float(np.clip(exact, specification["low"], specification["high"]))
-        std = value * nuisance.log_std * float(np.sqrt(fit.covariance[i, i]))
+        std = value * nuisance.log_slope(float(fit.vector[i])) * float(np.sqrt(fit.covariance[i, i]))
         found[nuisance.name] = Parameter(value, before.unit, source, std)
     return found
 

@@ -19,7 +19,8 @@ class Noise:
     """Covariance of log friction: diag(`relative_std`^2) + session gain + AR(1), up to one unknown scale.
 
     The scale's square is inverse-gamma around 1 with `degrees` degrees of freedom; `source` says where the noise comes
-    from, `replicate_degrees` how many replicates checked it. `whiten` takes residuals [n] or [n, k] to unit variance.
+    from, `replicate_degrees` how many replicates checked it; `correlation` and `inflation` are what it was asked to be.
+    `whiten` takes residuals [n] or [n, k] to unit variance.
     """
 
     relative_std: Array
@@ -27,7 +28,14 @@ class Noise:
     degrees: float
     source: str
     replicate_degrees: int
+    correlation: float
+    inflation: Array
     warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def log_determinant(self) -> float:
+        """Half the log determinant of the covariance: what evidences under two noises differ by besides the fit."""
+        return float(np.sum(np.log(np.diag(self.lower))))
 
     def whiten(self, values: Array) -> Array:
         """L^-1 values."""
@@ -40,10 +48,11 @@ def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | No
     `correlation`: of neighbouring rows in a session, in order of measurement. `inflation` [n]: of single rows' noise.
     """
     log_cof = np.log(data.columns["cof"])
-    scatter, degrees = _replicate_scatter(data, log_cof, np.ones(data.count))
+    inflation = np.ones(data.count) if inflation is None else inflation
+    scatter, degrees = _replicate_scatter(data, log_cof, inflation)
     warnings: list[str] = []
     if "cof_std" in data.columns:
-        relative = data.columns["cof_std"] / data.columns["cof"]
+        relative = data.columns["cof_std"] / data.columns["cof"] * inflation
         source = "cof_std"
         if degrees >= 4:
             standard, degrees = _replicate_scatter(data, log_cof, relative)
@@ -53,19 +62,18 @@ def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | No
                 source = "cof_std, scaled to the replicates"
             relative = relative * ratio
     elif degrees >= 2:
-        relative = np.full(data.count, np.sqrt(scatter))
+        relative = np.sqrt(scatter) * inflation
         source = "replicates"
     else:
         return None
     relative = np.maximum(relative, 1e-4)
-    if inflation is not None:
-        relative = relative * inflation
     covariance = np.diag(relative**2)
     if correlation != 0.0:
         covariance += _correlated(data, correlation, relative)
     covariance += SESSION_GAIN_STD**2 * (data.session[:, None] == data.session)
     degrees_known = min(max(float(degrees), LOOSE_DEGREES), MOST_DEGREES)
-    return Noise(relative, cholesky(covariance, lower=True), degrees_known, source, degrees, tuple(warnings))
+    lower = cholesky(covariance, lower=True)
+    return Noise(relative, lower, degrees_known, source, degrees, correlation, inflation, tuple(warnings))
 
 
 def _replicate_scatter(data: Measurements, values: Array, std: Array) -> tuple[float, int]:

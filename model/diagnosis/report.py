@@ -177,8 +177,8 @@ def _parameters(diagnosis: Diagnosis, description: ModelDescription) -> list[Rec
             "name": n.name,
             "unit": alone[n.name].unit,
             "model": description.parameters[n.name].value,
-            "before": _number(alone[n.name]) | {"drift": float(base.vector[i])},
-            "after": _number(beside[n.name]) | {"drift": float(chosen.vector[i])},
+            "before": _number(alone[n.name]) | {"drift": n.in_std(float(base.vector[i]))},
+            "after": _number(beside[n.name]) | {"drift": n.in_std(float(chosen.vector[i]))},
         }
         for i, n in enumerate(NUISANCES)
     ]

@@ -102,6 +102,11 @@ def _shares(count: int) -> Array:
     return np.append(np.full(count - 1, 0.5 / (count - 1)), 0.5) if count > 1 else np.ones(1)
 
 
+def log_marginal(target: Array, spread: Array, noise: Noise) -> float:
+    """log N(target; 0, s^2 + spread spread') with the noise scale s integrated out."""
+    return float(logsumexp(_by_scale(target, spread, noise)))
+
+
 def _by_scale(target: Array, spread: Array, noise: Noise) -> Array:
     """log N(target; 0, s^2 + spread spread') + log prior weight of each noise scale s."""
     left, singular, _ = np.linalg.svd(spread, full_matrices=False)

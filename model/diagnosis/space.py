@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import log
+from math import cosh, log, sinh
 
 import numpy as np
 
@@ -17,17 +17,38 @@ from model.parameters import TouchParameters
 from model.touch import Drive
 from model.touch_model import TouchModel
 
+FARTHEST = 6.0  # prior units
+
 
 @dataclass(frozen=True)
 class Nuisance:
-    """A parameter of the base model that differs between fingers: log-normal around the model's own value."""
+    """A parameter of the base model that differs between fingers, around the model's own value.
+
+    Its logarithm is log_std sinh(tail x)/tail for x in prior units, standard normal: with a tail of 0.45 a finger three
+    log_std off is at x = 2.5 and one six off at x = 3.8. Fingers far from the reference are common, and a normal
+    prior would rather name an effect than believe in one.
+    """
 
     name: str
     log_std: float
+    tail: float = 0.45
+    farthest: float = 4.0  # prior units; six and a half log_std with this tail
+
+    def log_factor(self, x: Array) -> Array:
+        """Log of the factor on the model's own value, at `x` in prior units."""
+        return np.asarray(self.log_std / self.tail * np.sinh(self.tail * np.clip(x, -self.farthest, self.farthest)))
+
+    def log_slope(self, x: float) -> float:
+        """Derivative of `log_factor`: turns a standard deviation in prior units into one of the logarithm."""
+        return self.log_std * cosh(self.tail * x)
+
+    def in_std(self, x: float) -> float:
+        """`x` as a number of log_std."""
+        return sinh(self.tail * x) / self.tail
 
 
 NUISANCES = (
-    Nuisance("cof_off", 0.6),  # decided by the rows without voltage
+    Nuisance("cof_off", 0.6, tail=0.01, farthest=6.0),  # decided by the rows without voltage
     Nuisance("roughness_rms_m", 0.10),
     Nuisance("skin_thickness_m", 0.20),
     Nuisance("leak_scale", log(1.5)),
@@ -37,11 +58,13 @@ NUISANCES = (
 class Predictor:
     """The model on one data set's conditions: parameter vectors in, log friction out.
 
-    Rows with equal conditions are solved once. `effects` of the description are always on.
+    Rows with equal conditions are solved once. `effects` of the description are always on; those asked for are on
+    where the data set says so.
     """
 
     def __init__(self, description: ModelDescription, data: Measurements) -> None:
         self.description = description
+        self._on = data.effects_on
         self._table = TouchModel(description).table
         drive = data.conditions().drive()
         fields = [np.broadcast_to(np.asarray(v, float), data.count) for v in vars(drive).values()]
@@ -56,20 +79,23 @@ class Predictor:
     def log_cof(self, kinds: Sequence[type[Effect]], vectors: Array) -> Array:
         """Log friction [m, n] for parameter vectors [m, k]: nuisances first, then each effect's parameters in order."""
         parameters, effects = self.decode(kinds, vectors)
+        with_effects = self._solve(parameters, effects, len(vectors))
+        if self._on is None or not effects:
+            return with_effects
+        return np.where(self._on, with_effects, self._solve(parameters, [], len(vectors)))
+
+    def _solve(self, parameters: TouchParameters, effects: list[Effect], count: int) -> Array:
         touch = prepare(parameters, self.description.dielectric, (*self.description.effects, *effects), self._drive)
         p_e = pressure.solve(self._table, touch.circuit)
         cof = touch_friction(self.description.friction_law, parameters, touch, p_e, self._drive.normal_force_n)
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(np.log(np.broadcast_to(cof, (len(vectors), cof.shape[-1])))[:, self._row])
+            return np.asarray(np.log(np.broadcast_to(cof, (count, cof.shape[-1])))[:, self._row])
 
     def decode(self, kinds: Sequence[type[Effect]], vectors: Array) -> tuple[TouchParameters, list[Effect]]:
         """Parameters and effects as columns [m, 1]."""
         columns = np.asarray(vectors, dtype=np.float64).T[:, :, None]
         values = self.description.values
-        changed = {
-            n.name: getattr(values, n.name) * np.exp(n.log_std * np.clip(columns[i], -8.0, 8.0))
-            for i, n in enumerate(NUISANCES)
-        }
+        changed = {n.name: getattr(values, n.name) * np.exp(n.log_factor(columns[i])) for i, n in enumerate(NUISANCES)}
         position = len(NUISANCES)
         effects = []
         for kind in kinds:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,15 +15,18 @@ from model.diagnosis.naming import Candidate, candidate, fit_candidates, testabl
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.proof import Proof, prove
 from model.diagnosis.rival import features
+from model.diagnosis.sessions import inflation, names, split_sessions, unlike_sessions
 from model.diagnosis.space import NUISANCES, Predictor
 from model.diagnosis.verdict import Verdict, Weighed, decide
 from model.diagnosis.where import Disagreement, disagreement, neighbour_correlation
-from model.effects import CATALOGUE
+from model.effects import CATALOGUE, Effect
 
 FEWEST_ROWS = 12
 FEWEST_DRIVEN = 8
 OUTLIER = 4.5  # noise standard deviations from the most flexible model
 CORRELATED_P = 1e-3
+FAR_OFF = 2.5  # prior standard deviations of a nuisance that are worth a warning
+SESSIONS_NATS = 3.0  # by which an effect in some sessions must beat more noise there
 LEADERS = 4  # rivals that take part in the held-out proof
 
 
@@ -58,13 +62,13 @@ def diagnose(
     if noise is None or blocked:
         return Diagnosis(data, noise, None, None, None, None, None, None, None, (blocked,), seed)
     progress("base model")
-    noise, problem, discrepancy, base = _base(description, data, noise, warnings)
-    warnings += noise.warnings
-    before = disagreement(data, noise, base.fit, seed)
-
+    setting = _base(description, data, noise, warnings)
     kinds = testable_effects(data, description.effects)
     untestable = [kind.name for kind in CATALOGUE if kind not in kinds]
-    singles = fit_candidates(problem, discrepancy, base.fit, [(kind,) for kind in kinds], progress)
+    setting, singles = _fit_singles(description, setting, kinds, warnings, progress)
+    data, noise, problem, discrepancy, base = setting
+    warnings += noise.warnings
+    before = disagreement(data, noise, base.fit, seed)
     weighed = Weighed(base, singles, untestable)
 
     def scan(found: Candidate) -> Disagreement:
@@ -89,11 +93,71 @@ def _blocked(data: Measurements, noise: Noise | None) -> str:
     return ""
 
 
-def _base(
-    description: ModelDescription, data: Measurements, noise: Noise, warnings: list[str]
-) -> tuple[Noise, Problem, list[Array], Candidate]:
+class _Setting(NamedTuple):
+    """What the candidates are fitted to, with the base model's fit."""
+
+    data: Measurements
+    noise: Noise
+    problem: Problem
+    discrepancy: list[Array]
+    base: Candidate
+
+
+def _setting(description: ModelDescription, data: Measurements, noise: Noise, start: Array) -> _Setting:
+    problem = Problem(Predictor(description, data), np.log(data.columns["cof"]), noise)
+    discrepancy = features(data, noise)
+    return _Setting(data, noise, problem, discrepancy, candidate(problem, discrepancy, (), problem.fit((), start)))
+
+
+def _left(setting: _Setting) -> Array:
+    """Whitened residuals [n] of the most flexible model: the base beside a discrepancy of unknown shape."""
+    base, found = setting.base, setting.base.beside_discrepancy
+    spread = np.concatenate([base.fit.jacobian, found.amplitude * setting.discrepancy[found.term]], axis=1)
+    target = base.fit.residual + base.fit.jacobian @ base.fit.vector
+    inner = spread.T @ spread / found.scale**2 + np.eye(spread.shape[1])
+    return np.asarray((target - spread @ np.linalg.solve(inner, spread.T @ target / found.scale**2)) / found.scale)
+
+
+def _fit_singles(
+    description: ModelDescription,
+    setting: _Setting,
+    kinds: list[type[Effect]],
+    warnings: list[str],
+    progress: Callable[[str], None],
+) -> tuple[_Setting, list[Candidate]]:
+    """Every effect alone; where sessions are unlike, also on in some of them only, whichever the data prefer."""
+
+    def fitted(s: _Setting) -> list[Candidate]:
+        return fit_candidates(s.problem, s.discrepancy, s.base.fit, [(kind,) for kind in kinds], progress)
+
+    def weight(s: _Setting, fits: list[Candidate]) -> float:
+        return max(c.alone.log_evidence for c in fits) - s.noise.log_determinant
+
+    data, noise = setting.data, setting.noise
+    chosen, why = setting, ""
+    split = split_sessions(data, noise, setting.base.fit, setting.discrepancy[-1])
+    if unlike := unlike_sessions(data, _left(setting)):
+        noisier = noise_of(data, noise.correlation, noise.inflation * inflation(data, unlike))
+        assert noisier is not None
+        chosen = _setting(description, data, noisier, setting.base.fit.vector)
+        why = f"noisier than the others: session {', '.join(data.session_names[s] for s in unlike)}; given less weight"
+    singles = fitted(chosen)
+    best = max(weight(chosen, singles), weight(chosen, [chosen.base]))
+    for rows in [] if split is None else [split, ~split]:
+        partial = _setting(description, replace(data, effects_on=rows), noise, setting.base.fit.vector)
+        fits = fitted(partial)
+        cost = np.log(2.0 * len(kinds)) + SESSIONS_NATS
+        if weight(partial, fits) - cost > best:
+            best, chosen, singles = weight(partial, fits) - cost, partial, fits
+            why = f"sessions differ: an effect shows in {', '.join(names(data, rows))} only"
+    if why:
+        warnings.append(why)
+    return chosen, singles
+
+
+def _base(description: ModelDescription, data: Measurements, noise: Noise, warnings: list[str]) -> _Setting:
     """Fit the base model; once more with outliers widened and neighbours correlated, where residuals show either."""
-    predictor, log_cof = Predictor(description, data), np.log(data.columns["cof"])
+    log_cof = np.log(data.columns["cof"])
     start = np.zeros(len(NUISANCES))
     start[0] = (
         np.clip((np.median(log_cof[~data.driven]) - np.log(description.values.cof_off)) / NUISANCES[0].log_std, -5, 5)
@@ -102,14 +166,8 @@ def _base(
     )
     inflation, correlation = np.ones(data.count), 0.0
     for attempt in range(3):
-        problem = Problem(predictor, log_cof, noise)
-        discrepancy = features(data, noise)
-        base = candidate(problem, discrepancy, (), problem.fit((), start))
-        found = base.beside_discrepancy
-        spread = np.concatenate([base.fit.jacobian, found.amplitude * discrepancy[found.term]], axis=1)
-        target = base.fit.residual + base.fit.jacobian @ base.fit.vector
-        inner = spread.T @ spread / found.scale**2 + np.eye(spread.shape[1])
-        left = (target - spread @ np.linalg.solve(inner, spread.T @ target / found.scale**2)) / found.scale
+        setting = _setting(description, data, noise, start)
+        left = _left(setting)
         if attempt == 2:
             break
         outlying = np.abs(left) > OUTLIER
@@ -128,7 +186,7 @@ def _base(
         if again is None:
             break
         noise = again
-    return noise, problem, discrepancy, base
+    return setting
 
 
 def _neighbour_correlation(data: Measurements, residual: Array) -> float:
@@ -137,8 +195,9 @@ def _neighbour_correlation(data: Measurements, residual: Array) -> float:
 
 
 def _nuisance_warnings(chosen: Candidate) -> list[str]:
+    shifts = {n.name: n.in_std(float(x)) for n, x in zip(NUISANCES, chosen.fit.vector, strict=False)}
     return [
-        f"{nuisance.name} moved {shift:+.1f} prior standard deviations: check the finger or the model file"
-        for nuisance, shift in zip(NUISANCES[1:], chosen.fit.vector[1:], strict=False)
-        if abs(shift) > 2.5
+        f"{name} moved {shift:+.1f} prior standard deviations: check the finger or the model file"
+        for name, shift in shifts.items()
+        if name != NUISANCES[0].name and abs(shift) > FAR_OFF
     ]

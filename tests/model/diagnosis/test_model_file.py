@@ -83,8 +83,9 @@ def test_fitted_values_carry_their_error_and_their_data(finger: ModelDescription
     write_model(diagnosis("effect_found", "series_resistance"), finger, tmp_path / "model.toml", "/where/d.csv")
     read = read_model(tmp_path / "model.toml")
     roughness = read.parameters["roughness_rms_m"]
-    assert roughness.value == pytest.approx(20e-6 * np.exp(-0.05), rel=1e-12)
-    assert roughness.std == pytest.approx(roughness.value * 0.10 * 0.2, rel=1e-12)  # the covariance is 0.2^2
+    # half a prior unit below with a tail of 0.45: log factor 0.1 sinh(-0.225)/0.45; the covariance is 0.2^2
+    assert roughness.value == pytest.approx(20e-6 * np.exp(-0.1 * np.sinh(0.225) / 0.45), rel=1e-12)
+    assert roughness.std == pytest.approx(roughness.value * 0.10 * np.cosh(0.225) * 0.2, rel=1e-12)
     assert roughness.source == "fit to d.csv, sha256 abababababababab"
     resistance = read.effect_parameters["series_resistance"]["resistance_ohm"]
     assert resistance.value == pytest.approx(2e4 * 8.0**0.3)

@@ -1,0 +1,96 @@
+"""Sessions that are noisier than the others are told from sessions that have an effect which the others do not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model.description import read_model
+from model.diagnosis.data import Measurements, read_measurements
+from model.diagnosis.sessions import inflation, unlike_sessions
+from model.diagnosis.space import NUISANCES, Predictor
+from model.diagnosis.workflow import diagnose
+from model.effects import BY_NAME
+from model.touch_model import Conditions, TouchModel
+
+MODEL = Path(__file__).resolve().parents[3] / "configs" / "models" / "reference.toml"
+SESSIONS = 5
+
+
+def sessions_only(count: int = 20) -> Measurements:
+    session = np.repeat(np.arange(SESSIONS), count)
+    return Measurements({}, session, tuple("abcde"), None, "")
+
+
+def test_equal_sessions_are_not_singled_out() -> None:
+    data = sessions_only()
+    found = [unlike_sessions(data, np.random.default_rng(i).standard_normal(data.session.size)) for i in range(200)]
+    assert sum(map(bool, found)) <= 1  # 200 x 1e-4 expected
+
+
+@pytest.mark.parametrize("loud", [[1], [0, 3]])
+def test_loud_sessions_are_found_with_their_loudness(loud) -> None:
+    data = sessions_only(40)
+    true = np.where(np.isin(data.session, loud), 4.0, 1.0)
+    found = unlike_sessions(data, true * np.random.default_rng(3).standard_normal(true.size))
+    assert sorted(found) == loud
+    assert inflation(data, found) == pytest.approx(true, rel=0.3)
+
+
+def test_never_half_of_the_sessions_or_more() -> None:
+    data = sessions_only(40)
+    loud = np.where(np.isin(data.session, [0, 1, 2]), 9.0, 1.0) * np.random.default_rng(3).standard_normal(200)
+    assert len(unlike_sessions(data, loud)) <= 2
+    two = data.subset(data.session < 2)
+    assert unlike_sessions(two, loud[data.session < 2]) == {}
+
+
+def test_a_predictor_switches_effects_on_only_where_the_data_say_so(tmp_path) -> None:
+    data = read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 1.0))
+    on = data.session == 2
+    gain = BY_NAME["drive_gain_error"]
+    vector = np.append(np.zeros(len(NUISANCES)), 2.0)[None]
+    description = read_model(MODEL)
+    partly = Predictor(description, replace(data, effects_on=on)).log_cof([gain], vector)[0]
+    everywhere = Predictor(description, data).log_cof([gain], vector)[0]
+    nowhere = Predictor(description, data).log_cof([], vector[:, :-1])[0]
+    np.testing.assert_array_equal(partly, np.where(on, everywhere, nowhere))
+    assert np.any(everywhere[data.driven] != nowhere[data.driven])
+
+
+def write(folder: Path, hidden: np.ndarray, noisier: float) -> Path:
+    """Five sessions of a voltage x frequency grid; a roll-off of the drive in some, more noise in the last."""
+    rng = np.random.default_rng(8)
+    f, v = (a.ravel() for a in np.meshgrid(np.geomspace(50, 2e4, 8), [0.0, 60.0, 100.0, 140.0], indexing="ij"))
+    model = TouchModel(read_model(MODEL))
+    lines = ["frequency_hz,voltage_v,normal_force_n,cof,cof_std,session"]
+    for s in range(SESSIONS):
+        drive_v = v / np.sqrt(1 + (f / 2e3) ** 2) if hidden[s] else v
+        cof = model.predict(Conditions(f, drive_v, np.full(f.size, 0.5))).cof
+        noise = 0.008 * (noisier if s == SESSIONS - 1 else 1.0) * rng.standard_normal(f.size)
+        measured = cof * np.exp(0.03 * rng.standard_normal() + noise)
+        lines += [
+            f"{a:.6g},{b:g},0.5,{c:.6f},{0.008 * c:.6f},{'abcde'[s]}" for a, b, c in zip(f, v, measured, strict=True)
+        ]
+    path = folder / "data.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_an_effect_in_two_of_five_sessions_is_named_with_its_sessions(tmp_path) -> None:
+    hidden = np.array([False, True, False, True, False])
+    found = diagnose(read_model(MODEL), read_measurements(write(tmp_path, hidden, 1.0)))
+    assert found.verdict is not None
+    named = {found.verdict.chosen.name, *found.verdict.group.get(found.verdict.chosen.name, [])}
+    assert "amplifier_bandwidth" in named
+    assert found.name in ("effect_found", "ambiguous")
+    assert any("shows in b, d only" in warning for warning in found.warnings)
+
+
+def test_a_noisy_session_is_given_less_weight_and_no_name(tmp_path) -> None:
+    found = diagnose(read_model(MODEL), read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 5.0)))
+    assert found.name == "no_discrepancy"
+    assert any("noisier than the others: session e" in warning for warning in found.warnings)
