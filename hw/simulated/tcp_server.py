@@ -10,9 +10,10 @@ from types import TracebackType
 from typing import Any, Self
 
 from hw.simulated.faults import Disconnect
+from hw.simulated.framing import MessageFramer
 from hw.transport.memory import Responder
 
-_MAX_LINE_BYTES = 1 << 20
+_CHUNK_BYTES = 1 << 16
 _POLL_S = 0.05
 
 
@@ -86,15 +87,19 @@ class _Server(socketserver.ThreadingTCPServer):
             thread.join()
 
 
-class _Connection(socketserver.StreamRequestHandler):
+class _Connection(socketserver.BaseRequestHandler):
     server: _Server
-    disable_nagle_algorithm = True
+
+    def setup(self) -> None:
+        self.request.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, True)
 
     def handle(self) -> None:
-        with suppress(OSError):  # the client is gone, or close() was called
-            while (line := self.rfile.readline(_MAX_LINE_BYTES)).endswith(b"\n"):
-                try:
-                    self.wfile.write(self.server.core.handle(line))
-                except Disconnect as goodbye:
-                    self.wfile.write(goodbye.sent)
-                    return
+        framer = MessageFramer()
+        with suppress(OSError):  # the client is gone or sends no message, or close() was called
+            while data := self.request.recv(_CHUNK_BYTES):
+                for message in framer.feed(data):
+                    try:
+                        self.request.sendall(self.server.core.handle(message))
+                    except Disconnect as goodbye:
+                        self.request.sendall(goodbye.sent)
+                        return

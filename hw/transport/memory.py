@@ -51,7 +51,7 @@ class MemoryTransport(Transport):
         except ConnectionError:
             self._hung_up = True
 
-    def _receive(self, deadline_s: float) -> bytes:
+    def _receive(self, deadline_s: float, count: int) -> bytes:
         self._check_connected()
         if not self._answers or self._clock() > deadline_s:
             raise DeviceTimeout(f"{self.resource} did not answer in time", "check the simulated instrument")

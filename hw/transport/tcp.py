@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import re
+import select
 import socket
 import time
 from collections.abc import Callable
 from contextlib import suppress
 
 from hw.errors import DeviceDisconnected, DeviceTimeout
-from hw.transport.contract import Transport
+from hw.transport.contract import CHUNK_BYTES, Transport
 
-_CHUNK_BYTES = 1 << 16
 _RESOURCE = re.compile(r"TCPIP\d*::(?P<host>[^:]+)::(?P<port>\d{1,5})::SOCKET", re.IGNORECASE)
 
 
 class TcpTransport(Transport):
-    """Transport over one TCP connection; clearing means reconnecting, since a stream has no message bounds."""
+    """Transport over one TCP connection; clearing means reconnecting, since a stream has no message bounds.
+
+    The socket never blocks: waiting is a `poll` with the time that is left. A socket with a timeout of its own
+    costs system calls of its own per query.
+    """
 
     def __init__(
         self,
@@ -52,6 +56,10 @@ class TcpTransport(Transport):
         except OSError as error:
             raise self._lost(f"cannot be reached ({error})") from error
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setblocking(False)
+        self._readable, self._writable = select.poll(), select.poll()
+        self._readable.register(connection, select.POLLIN)
+        self._writable.register(connection, select.POLLOUT)
         self._socket = connection
 
     def _disconnect(self) -> None:
@@ -62,39 +70,35 @@ class TcpTransport(Transport):
 
     def _send(self, data: bytes, deadline_s: float) -> None:
         connection = self._connected()
-        connection.settimeout(self._remaining_s(deadline_s))
-        try:
-            connection.sendall(data)
-        except TimeoutError:
-            raise self._timeout("did not take the command") from None
-        except OSError as error:
-            raise self._lost(f"was lost while sending ({error})") from error
+        unsent = memoryview(data)
+        while unsent:
+            try:
+                unsent = unsent[connection.send(unsent) :]
+            except BlockingIOError:
+                if not self._writable.poll(1e3 * self._remaining_s(deadline_s)):
+                    raise self._timeout("did not take the command") from None
+            except OSError as error:
+                raise self._lost(f"was lost while sending ({error})") from error
 
-    def _receive(self, deadline_s: float) -> bytes:
+    def _receive(self, deadline_s: float, count: int) -> bytes:
         connection = self._connected()
-        connection.settimeout(self._remaining_s(deadline_s))
+        if not self._readable.poll(1e3 * self._remaining_s(deadline_s)):
+            raise self._timeout("did not answer")
+        return self._take_from(connection, "was lost while waiting for the answer")
+
+    def _take_from(self, connection: socket.socket, what: str) -> bytes:
         try:
-            data = connection.recv(_CHUNK_BYTES)
-        except TimeoutError:
-            raise self._timeout("did not answer") from None
+            data = connection.recv(CHUNK_BYTES)
         except OSError as error:
-            raise self._lost(f"was lost while waiting for the answer ({error})") from error
+            raise self._lost(f"{what} ({error})") from error
         if not data:
             raise self._lost("closed the connection")
         return data
 
     def _discard_input(self) -> None:
         connection = self._connected()
-        connection.setblocking(False)
-        while True:
-            try:
-                data = connection.recv(_CHUNK_BYTES)
-            except BlockingIOError:
-                return
-            except OSError as error:
-                raise self._lost(f"was lost ({error})") from error
-            if not data:
-                raise self._lost("closed the connection")
+        while self._readable.poll(0):
+            self._take_from(connection, "was lost")
 
     def _connected(self) -> socket.socket:
         if self._socket is None:

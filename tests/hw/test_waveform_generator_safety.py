@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hw.errors import BadReply, LimitExceeded
+from hw.errors import BadReply, InstrumentRejected, LimitExceeded
 from hw.simulated.amplifier import SimulatedAmplifier
 from hw.simulated.tcp_server import TcpServer
 from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A, TerminalOutput
@@ -149,7 +149,7 @@ def test_connecting_leaves_the_output_off() -> None:
     assert rig.driver.read_output() is False
 
 
-@pytest.mark.parametrize("change", ["OUTP:LOAD 50", "VOLT:UNIT VRMS", "VOLT:OFFS 5", "*RST;:OUTP 1"])
+@pytest.mark.parametrize("change", ["OUTP:LOAD 50", "VOLT:UNIT VRMS", "VOLT:OFFS 3", "*RST;:OUTP 1"])
 def test_levels_changed_behind_the_driver_are_noticed_switched_off_and_set_up_again(change: str) -> None:
     """At LOAD 50 the amplitude alone reads back as it was set, while the electrode gets twice that."""
     rig = Rig()
@@ -157,7 +157,22 @@ def test_levels_changed_behind_the_driver_are_noticed_switched_off_and_set_up_ag
     rig.driver.set_output(True)
     rig.driver.set_point(250.0, 120.0)
     rig.generator.handle(change.encode() + b"\n")
-    with pytest.raises(BadReply, match="no offset and an open load were set"):
+    with pytest.raises(BadReply, match="offset 0 V and an open load were set"):
+        rig.driver.set_point(260.0, 120.0)
+    assert rig.amplifier.voltage_v == 0.0
+    rig.driver.set_point(250.0, 60.0)
+    rig.driver.set_output(True)
+    assert rig.amplifier.voltage_v == pytest.approx(60.0)
+
+
+def test_a_clipped_value_is_an_error_and_off_never_accepted() -> None:
+    """The fixed range ends at 5.02 V: 5 V of offset are clipped to 3.82 V, and the error waits for whoever asks."""
+    rig = Rig()
+    rig.connect()
+    rig.driver.set_output(True)
+    rig.driver.set_point(250.0, 120.0)
+    rig.generator.handle(b"VOLT:OFFS 5\n")
+    with pytest.raises(InstrumentRejected, match="-222"):
         rig.driver.set_point(260.0, 120.0)
     assert rig.amplifier.voltage_v == 0.0
     rig.driver.set_point(250.0, 60.0)

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from hw.simulated.scpi import ScpiEngine, ScpiError, only, parse_boolean, parse_choice, parse_number
+from hw.simulated.scpi import ScpiEngine, ScpiError, only, parse_block, parse_boolean, parse_choice, parse_number
 
 
 class Lamp:
@@ -150,3 +152,92 @@ def test_bad_numbers(text: str, code: int) -> None:
 @pytest.mark.parametrize(("text", "value"), [("1", True), ("on", True), ("0", False), ("Off", False)])
 def test_booleans(text: str, value: bool) -> None:
     assert parse_boolean(text) is value
+
+
+class Box:
+    """A made-up instrument that keeps what it is sent under optional nodes."""
+
+    def __init__(self) -> None:
+        self.got: list[list[str]] = []
+        self.engine = ScpiEngine("M,B,1,1", reset=lambda: None, trigger=lambda: None, executed=lambda: None)
+        self.engine.command("[SOURce:]VOLTage[:LEVel][:IMMediate][:AMPLitude]", self.got.append, lambda _: "level")
+        self.engine.command("[SOURce:]VOLTage[:LEVel][:IMMediate]:OFFSet", self.got.append, lambda _: "offset")
+        self.engine.command("DATA:DAC", self.got.append)
+
+    def __call__(self, message: bytes) -> bytes:
+        return self.engine.handle(message)
+
+
+@st.composite
+def spelling(draw: st.DrawFn, keywords: tuple[tuple[str, bool], ...]) -> str:
+    """Any way to write a header whose second items say which keywords may be left out."""
+    chosen = [word for word, optional in keywords if not (optional and draw(st.booleans()))]
+    forms = [draw(st.sampled_from([word, "".join(c for c in word if not c.islower())])) for word in chosen]
+    cased = [
+        "".join(c.upper() if draw(st.booleans()) else c.lower() for c in form) if draw(st.booleans()) else form
+        for form in forms
+    ]
+    return draw(st.sampled_from(["", ":"])) + ":".join(cased)
+
+
+PATH = (("SOURce", True), ("VOLTage", False), ("LEVel", True), ("IMMediate", True))
+
+
+@given(spelling((*PATH, ("AMPLitude", True))), spelling((*PATH, ("OFFSet", False))))
+def test_every_spelling_of_a_header_means_the_same(level: str, offset: str) -> None:
+    box = Box()
+    assert box(f"{level}?\n{offset}?\n".encode()) == b"level\noffset\n"
+    assert box(f"{level} 1.5;:{offset.lstrip(':')} 2\n".encode()) == b""
+    assert box.got == [["1.5"], ["2"]]
+
+
+@pytest.mark.parametrize(
+    "header", ["VOL", "VOLTA", "VOLTAGES", "SOU:VOLT", "VOLT:LEVE", "VOLT:OFF", "VOLT:AMPL:LEV", "LEV", "VOLT:SOUR"]
+)
+def test_any_other_spelling_is_unknown(header: str) -> None:
+    box = Box()
+    assert box(f"{header} 1\n".encode()) == b""
+    assert box(b"SYST:ERR?\n").startswith(b"-113,")
+    assert box.got == []
+
+
+@given(st.binary(min_size=1, max_size=300))
+def test_a_block_may_hold_any_bytes(data: bytes) -> None:
+    box = Box()
+    length = str(len(data)).encode()
+    message = b"DATA:DAC VOLATILE, #%d%s%s;:VOLT 1;:VOLT?\n" % (len(length), length, data)
+    assert box(message) == b"level\n"
+    assert box.got[0][0] == "VOLATILE"
+    assert parse_block(box.got[0][1]) == data
+    assert box.got[1] == ["1"]
+
+
+def test_a_block_cut_short_is_an_error_and_nothing_is_carried_out() -> None:
+    box = Box()
+    assert box(b"DATA:DAC VOLATILE, #210abc") == b""
+    assert box.got == []
+    assert box(b"SYST:ERR?\n").startswith(b"-161,")
+
+
+def test_a_hash_that_begins_no_block_is_text() -> None:
+    box = Box()
+    box(b"DATA:DAC #H1F,#0\n")
+    assert box.got == [["#H1F", "#0"]]
+    assert parse_block("#H1F") is None
+
+
+def test_questionable_status_reaches_the_status_byte(lamp: Lamp) -> None:
+    lamp("*CLS;:STAT:QUES:ENAB 1;*SRE 8")
+    assert lamp("STAT:QUES:COND?;:STAT:QUES?;*STB?") == "0;0;0\n"
+    lamp.engine.set_questionable(1)
+    assert lamp("*STB?;:STATus:QUEStionable:CONDition?") == "72;1\n"
+    lamp.engine.set_questionable(0)
+    assert lamp("STAT:QUES:EVEN?;:STAT:QUES:EVENt?;*STB?") == "1;0;0\n"
+    assert lamp("STAT:PRES;:STAT:QUES:ENAB?") == "0\n"
+
+
+def test_overflow_is_a_device_error_too(lamp: Lamp) -> None:
+    lamp("*CLS")
+    for _ in range(21):
+        lamp("NONSENSE")
+    assert lamp("*ESR?") == "40\n"  # command errors, and -350

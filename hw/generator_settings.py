@@ -1,0 +1,150 @@
+"""What a generator may do, how it is wired, and the words for what it is asked to do."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+
+# Limits into an open circuit, OUTP:LOAD INF (33220A data sheet: 10 mVpp to 10 Vpp into 50 ohm, doubled open).
+AMPLITUDE_LOW_VPP = 0.02
+AMPLITUDE_HIGH_VPP = 20.0
+FREQUENCY_LOW_HZ = 1e-6
+FREQUENCY_HIGH_HZ = 20e6
+ARBITRARY_FREQUENCY_HIGH_HZ = 6e6
+BURST_CYCLES_HIGH = 50_000
+
+
+class RangePolicy(enum.Enum):
+    """What the output's attenuator does.
+
+    FIXED keeps the range that the voltage limit needs: no relay switches while rendering, so the output has no gaps,
+    but all amplitudes share that range's resolution, 1/16,383 of its span, and its accuracy: at a hundredth of the
+    limit the amplitude is good to about a percent only. AUTO has the full accuracy at every amplitude, and disturbs
+    the output for a moment whenever the amplitude crosses from one range to another (G5100A manual p. 166; where
+    the 33220A's ranges meet is not verified).
+    """
+
+    FIXED = "fixed"
+    AUTO = "auto"
+
+
+@dataclass(frozen=True)
+class ModulationInput:
+    """What Modulation In on the rear panel does to the amplitude at 100 % depth; measure it, it is not verified.
+
+    The amplitude is proportional to `input + full_scale_v`: nothing at `-full_scale_v`, half of the highest at 0 V
+    (and when nothing is plugged in!), the highest at `+full_scale_v` (believed to be 5 V). There it is
+    `amplitude_at_full_scale` times the amplitude programmed: 1 if modulation goes from 0 to 100 % of it, 2 if it is
+    classical modulation around it. Raises ValueError for numbers that make no sense.
+    """
+
+    full_scale_v: float
+    amplitude_at_full_scale: float
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be an input."""
+        for name, value in vars(self).items():
+            if not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"modulation input {name} must be a finite number > 0, not {value!r}")
+
+    def input_v(self, share: float) -> float:
+        """Return the voltage at Modulation In for a share 0..1 of the highest voltage; raises ValueError."""
+        if not 0.0 <= share <= 1.0:
+            raise ValueError(f"an envelope is a share 0..1 of the highest voltage, not {share!r}")
+        return self.full_scale_v * (2.0 * share - 1.0)
+
+
+@dataclass(frozen=True)
+class ExternalModulation:
+    """The amplitude follows Modulation In: the fast envelope."""
+
+
+@dataclass(frozen=True)
+class InternalModulation:
+    """The amplitude follows the generator's own sine; `depth` is 0..1. Raises ValueError."""
+
+    frequency_hz: float
+    depth: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse what the instrument does not have."""
+        if not (2e-3 <= self.frequency_hz <= 20e3 and 0.0 <= self.depth <= 1.0):
+            raise ValueError(f"internal modulation is 0.002..20,000 Hz with a depth of 0..1, not {self}")
+
+
+Modulation = ExternalModulation | InternalModulation
+
+
+class TriggerSource(enum.Enum):
+    """What starts a burst; the value is the instrument's word for it."""
+
+    BUS = "BUS"
+    EXTERNAL = "EXT"
+
+
+@dataclass(frozen=True)
+class Burst:
+    """A finite number of cycles per trigger, 1..50,000: whatever happens to the link, it ends. Raises ValueError."""
+
+    cycles: int
+    trigger: TriggerSource = TriggerSource.BUS
+
+    def __post_init__(self) -> None:
+        """Refuse what the instrument does not have."""
+        if not 1 <= self.cycles <= BURST_CYCLES_HIGH:
+            raise ValueError(f"a burst has 1..{BURST_CYCLES_HIGH} cycles, not {self.cycles}")
+
+
+@dataclass(frozen=True)
+class GeneratorSettings:
+    """How the generator is wired, and what it may ask of the electrode.
+
+    `volts_per_volt` is electrode volts per volt at the generator's terminals (the amplifier's gain);
+    `voltage_limit_v` is the peak at the electrode, offset included. Without a measured `modulation_input` there is
+    no amplitude modulation. `binary_upload` False sends arbitrary waveforms as text, for links that spoil binary
+    data. Raises ValueError for numbers that make no sense.
+    """
+
+    volts_per_volt: float
+    voltage_limit_v: float
+    frequency_low_hz: float
+    frequency_high_hz: float
+    reply_timeout_s: float = 1.0
+    upload_timeout_s: float = 30.0
+    range_policy: RangePolicy = RangePolicy.FIXED
+    modulation_input: ModulationInput | None = None
+    binary_upload: bool = True
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be a setting."""
+        for name, value in vars(self).items():
+            if isinstance(value, (int, float)) and not (math.isfinite(value) and value >= 0.0):
+                raise ValueError(f"generator {name} must be a finite number > 0, not {value!r}")
+        if 0.0 in (self.volts_per_volt, self.voltage_limit_v, self.reply_timeout_s, self.upload_timeout_s):
+            raise ValueError("generator gain, voltage limit and timeouts must be > 0")
+        if not FREQUENCY_LOW_HZ <= self.frequency_low_hz <= self.frequency_high_hz <= FREQUENCY_HIGH_HZ:
+            raise ValueError(
+                f"generator frequency range {self.frequency_low_hz:g}..{self.frequency_high_hz:g} Hz must be ordered "
+                f"and within {FREQUENCY_LOW_HZ:g}..{FREQUENCY_HIGH_HZ:g} Hz"
+            )
+
+
+class GeneratorEvent(enum.IntFlag):
+    """Bits of `*ESR?` (IEEE 488.2, 11.5.1)."""
+
+    OPERATION_COMPLETE = 1
+    QUERY_ERROR = 4
+    DEVICE_ERROR = 8
+    EXECUTION_ERROR = 16
+    COMMAND_ERROR = 32
+    POWER_ON = 128
+
+
+@dataclass(frozen=True)
+class GeneratorStatus:
+    """What happened since the last look; `errors` are the instrument's own words, oldest first."""
+
+    events: GeneratorEvent
+    status_byte: int
+    errors: tuple[str, ...]

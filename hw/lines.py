@@ -1,0 +1,39 @@
+"""What single lines between devices can do; drivers are written against these, cards and boxes supply them.
+
+Every method raises DeviceError when the line is dead, and returns or raises within the line's own timeout.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class DigitalInput(Protocol):
+    """One digital line that can be read."""
+
+    def read(self) -> bool:
+        """Return the level that is on the line."""
+
+
+class DigitalOutput(DigitalInput, Protocol):
+    """One digital line that can be set; `read` returns the level on the line, not the level last asked for."""
+
+    def write(self, value: bool, /) -> None:
+        """Set the line."""
+
+
+class AnalogInput(Protocol):
+    """One analog input."""
+
+    def read_v(self) -> float:
+        """Return the voltage at the input, V; of an alternating voltage its peak."""
+
+
+class Heartbeat(Protocol):
+    """Something apart that switches the output off when it is no longer beaten."""
+
+    def beat(self) -> None:
+        """Say that the output is still wanted; raises DeviceError once that can no longer be had."""
+
+    def rest(self) -> None:
+        """Say that the output is known to be off, so that beats may stop."""

@@ -1,0 +1,163 @@
+"""A serial port, through pyserial: interlock boxes, motor controllers, anything behind USB-to-serial."""
+
+from __future__ import annotations
+
+import errno
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+import serial
+
+from hw.errors import DeviceDisconnected, DeviceTimeout
+from hw.transport.contract import Transport
+from hw.transport.marker import Marker, Resynchroniser
+
+_NO_SUCH_LINE = (errno.ENOTTY, errno.EINVAL)
+
+
+class SerialTransport(Transport):
+    """Transport over one serial port, 8N1, held exclusively.
+
+    A line has no connection to drop, so a late answer can only be waited out. Clearing reads until nothing has
+    come for `settle_s`; an answer later than that would be given to the next question. With a `marker` that
+    cannot happen: a question with an answer of its own is asked, and everything before that answer is dropped.
+    Closing a port drops RTS and DTR, so clearing keeps it open while it works. `rts` and `dtr` are the levels
+    at opening (some systems pulse both for an instant); with `rtscts` the port itself drives RTS.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        baud_rate: int = 115200,
+        *,
+        rtscts: bool = False,
+        rts: bool = True,
+        dtr: bool = True,
+        settle_s: float = 0.1,
+        marker: Marker | None = None,
+        open_timeout_s: float = 3.0,
+        write_timeout_s: float = 3.0,
+        max_reply_bytes: int = 1 << 20,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__(
+            f"ASRL{port}::INSTR",
+            open_timeout_s=open_timeout_s,
+            write_timeout_s=write_timeout_s,
+            max_reply_bytes=max_reply_bytes,
+            clock=clock,
+        )
+        self._settings = {"baudrate": baud_rate, "rtscts": rtscts, "exclusive": True}
+        self._lines = {"rts": rts, "dtr": dtr}
+        self._path = port
+        self._settle_s = settle_s
+        self._resynchronise = None if marker is None else Resynchroniser(marker, self.resource)
+        self._port: serial.Serial | None = None
+
+    def set_rts(self, high: bool) -> bool:
+        """Drive RTS; False where the port has no such line (a pseudo-terminal). Raises DeviceDisconnected."""
+        return self._set_line("rts", high)
+
+    def set_dtr(self, high: bool) -> bool:
+        """Drive DTR; False where the port has no such line (a pseudo-terminal). Raises DeviceDisconnected."""
+        return self._set_line("dtr", high)
+
+    def _set_line(self, name: str, high: bool) -> bool:
+        with self._lock:
+            self._check_open()
+            try:
+                setattr(self._connected(), name, high)
+            except OSError as error:
+                if error.errno in _NO_SUCH_LINE:
+                    return False
+                raise self._lost(f"did not take the line {name.upper()}", error) from error
+            self._lines[name] = high
+            return True
+
+    def _connect(self, deadline_s: float) -> None:
+        try:
+            port = serial.Serial(**self._settings)
+            port.port = self._path
+            port.rts, port.dtr = self._lines["rts"], self._lines["dtr"]
+            port.open()
+        except (OSError, ValueError) as error:
+            raise self._lost("cannot be opened", error) from error
+        self._port = port
+
+    def _disconnect(self) -> None:
+        if self._port is not None:
+            with suppress(OSError):
+                self._port.close()
+            self._port = None
+
+    def _reset(self, deadline_s: float) -> None:
+        if self._port is None:
+            self._connect(deadline_s)
+        if self._resynchronise is None:
+            self._settle(deadline_s)
+        else:
+            self._resynchronise(
+                lambda data: self._send(data, deadline_s),
+                lambda: self._receive(deadline_s, 1),
+                self._max_reply_bytes,
+            )
+
+    def _settle(self, deadline_s: float) -> None:
+        """Read until the line has been quiet for `settle_s`."""
+        while True:
+            self._remaining_s(deadline_s)
+            try:
+                self._receive(min(deadline_s, self._clock() + self._settle_s), 1)
+            except DeviceTimeout:
+                return
+
+    def _send(self, data: bytes, deadline_s: float) -> None:
+        port = self._connected()
+        try:
+            port.write_timeout = self._remaining_s(deadline_s)
+            port.write(data)
+        except serial.SerialTimeoutException:
+            raise self._timeout("did not take the command") from None
+        except OSError as error:
+            raise self._lost("was lost while sending", error) from error
+
+    def _receive(self, deadline_s: float, count: int) -> bytes:
+        port = self._connected()
+        try:
+            port.timeout = self._remaining_s(deadline_s)
+            data = bytes(port.read(max(1, port.in_waiting)))
+        except OSError as error:
+            raise self._lost("was lost while waiting for the answer", error) from error
+        if not data:
+            raise self._timeout("did not answer")
+        return data
+
+    def _discard_input(self) -> None:
+        port = self._connected()
+        try:
+            while waiting := port.in_waiting:
+                port.read(waiting)
+        except OSError as error:
+            raise self._lost("was lost", error) from error
+
+    def _connected(self) -> serial.Serial:
+        if self._port is None:
+            raise DeviceDisconnected(f"{self.resource} is not connected", "clear or open it again")
+        return self._port
+
+    def _remaining_s(self, deadline_s: float) -> float:
+        remaining_s = deadline_s - self._clock()
+        if remaining_s <= 0.0:
+            raise self._timeout("did not answer")
+        return remaining_s
+
+    def _timeout(self, what: str) -> DeviceTimeout:
+        return DeviceTimeout(f"{self.resource} {what} in time", "check power, cable and baud rate; then try again")
+
+    def _lost(self, what: str, error: Exception) -> DeviceDisconnected:
+        """Give the port up and say why; a port that failed once is opened afresh."""
+        self._disconnect()
+        return DeviceDisconnected(
+            f"{self.resource} {what} ({error})", "check the cable, the port's name, your permission and other programs"
+        )

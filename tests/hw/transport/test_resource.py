@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from hw.simulated.tcp_server import TcpServer
+from hw.simulated.waveform_generator import Simulated33220A
+from hw.transport.resource import FORMS, make_transport, open_transport
+from hw.transport.serial import SerialTransport
+from hw.transport.tcp import TcpTransport
+from hw.transport.usbtmc import UsbTmcTransport
+from hw.transport.visa import VisaTransport
+
+
+@pytest.mark.parametrize(
+    ("resource", "kind", "shown"),
+    [
+        ("TCPIP::192.0.2.7::5025::SOCKET", TcpTransport, "TCPIP::192.0.2.7::5025::SOCKET"),
+        ("tcpip0::host.lab::5025::socket", TcpTransport, "TCPIP::host.lab::5025::SOCKET"),
+        ("/dev/ttyUSB0", SerialTransport, "ASRL/dev/ttyUSB0::INSTR"),
+        ("ASRL/dev/ttyX::INSTR", SerialTransport, "ASRL/dev/ttyX::INSTR"),
+        ("COM3", SerialTransport, "ASRLCOM3::INSTR"),
+        ("USB0::0x0957::0x0407::MY44::0::INSTR", UsbTmcTransport, "USB0::0x0957::0x0407::MY44::INSTR"),
+        ("USB0::2391::1031::MY44::INSTR", UsbTmcTransport, "USB0::0x0957::0x0407::MY44::INSTR"),
+        ("USB::0x957::0x407::INSTR", UsbTmcTransport, "USB0::0x0957::0x0407::INSTR"),
+        ("TCPIP::192.0.2.7::inst0::INSTR", VisaTransport, "TCPIP::192.0.2.7::inst0::INSTR"),
+        ("TCPIP::192.0.2.7::INSTR", VisaTransport, "TCPIP::192.0.2.7::INSTR"),
+        ("TCPIP::192.0.2.7::hislip0,4880::INSTR", VisaTransport, "TCPIP::192.0.2.7::hislip0,4880::INSTR"),
+        ("GPIB0::10::INSTR", VisaTransport, "GPIB0::10::INSTR"),
+        ("visa:TCPIP::192.0.2.7::5025::SOCKET", VisaTransport, "TCPIP::192.0.2.7::5025::SOCKET"),
+        ("VISA:ASRL1::INSTR", VisaTransport, "ASRL1::INSTR"),
+    ],
+)
+def test_each_form_leads_to_its_transport(resource: str, kind: type, shown: str) -> None:
+    transport = make_transport(f" {resource}\n")
+    assert type(transport) is kind
+    assert transport.resource == shown
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_named_in_an_error_is_valid(form: str) -> None:
+    assert make_transport(form).resource in form or form.startswith(("/", "USB"))
+
+
+@pytest.mark.parametrize(
+    ("resource", "nearest"),
+    [
+        ("TCPIP::192.0.2.7::SOCKET", "TCPIP::host::port::SOCKET"),
+        ("USB0::0x0957::INSTR", "USB0::0xVVVV::0xPPPP::SERIAL::0::INSTR"),
+        ("GPIB::INSTR", "GPIB0::10::INSTR"),
+        ("dev/ttyUSB0", "/dev/ttyUSB0"),
+        ("192.0.2.7", "::"),
+        ("", "valid form"),
+    ],
+)
+def test_an_unknown_form_is_refused_with_the_nearest_valid_one(resource: str, nearest: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(nearest)) as caught:
+        make_transport(resource)
+    assert repr(resource) in str(caught.value)
+
+
+def test_open_transport_returns_it_open() -> None:
+    with TcpServer(Simulated33220A()) as server:
+        transport = open_transport(server.resource)
+        assert transport.query(b"*IDN?\n", 5.0).split(b",")[1] == b"33220A"
+        transport.close()

@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
+from hw.simulated.serial_server import SerialServer
+from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.transport.marker import scpi_marker
+from hw.transport.serial import SerialTransport
+
+pytestmark = pytest.mark.timeout(30)
+
+
+class Box:
+    """Answers at once, or `late` seconds late."""
+
+    def handle(self, data: bytes) -> bytes:
+        if data == b"late?\n":
+            time.sleep(0.1)
+        return data if b"?" in data else b""
+
+
+@pytest.fixture
+def server() -> Iterator[SerialServer]:
+    with SerialServer(Box()) as server:
+        yield server
+
+
+def test_the_port_is_held_exclusively(server: SerialServer) -> None:
+    first, second = SerialTransport(server.path), SerialTransport(server.path)
+    first.open()
+    with pytest.raises(DeviceDisconnected, match="exclusively lock"):
+        second.open()
+    first.close()
+    second.open()
+    assert second.query(b"mine?\n", 5.0) == b"mine?"
+    second.close()
+
+
+@pytest.mark.parametrize("baud_rate", [9600, 115200])
+def test_baud_rate_and_hardware_handshake_reach_the_port(server: SerialServer, baud_rate: int) -> None:
+    import termios
+
+    transport = SerialTransport(server.path, baud_rate, rtscts=True)
+    transport.open()
+    descriptor = os.open(server.terminal, os.O_RDWR | os.O_NOCTTY)
+    _, _, cflag, _, input_speed, output_speed, _ = termios.tcgetattr(descriptor)
+    os.close(descriptor)
+    assert input_speed == output_speed == getattr(termios, f"B{baud_rate}")
+    assert cflag & termios.CRTSCTS
+    assert cflag & termios.CSIZE == termios.CS8
+    assert not cflag & (termios.PARENB | termios.CSTOPB)
+    transport.close()
+
+
+def test_a_line_that_does_not_exist_is_said_to_be_missing(server: SerialServer) -> None:
+    transport = SerialTransport(server.path)
+    with pytest.raises(DeviceDisconnected, match="not open"):
+        transport.set_rts(True)
+    transport.open()
+    assert transport.set_rts(True) is False
+    assert transport.set_dtr(False) is False
+    assert transport.query(b"alive?\n", 5.0) == b"alive?"
+    transport.close()
+
+
+def test_a_wrong_baud_rate_is_refused_at_open(server: SerialServer) -> None:
+    with pytest.raises(DeviceDisconnected, match="cannot be opened"):
+        SerialTransport(server.path, -1).open()
+
+
+def test_without_a_marker_a_late_answer_is_waited_out(server: SerialServer) -> None:
+    transport = SerialTransport(server.path, settle_s=0.4)
+    transport.open()
+    with pytest.raises(DeviceTimeout):
+        transport.query(b"late?\n", 0.02)
+    assert transport.query(b"mine?\n", 5.0) == b"mine?"
+    transport.close()
+
+
+def test_the_scpi_marker_finds_the_place_again_without_an_error_in_the_queue() -> None:
+    with SerialServer(Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0))) as server:
+        transport = SerialTransport(server.path, marker=scpi_marker)
+        transport.open()
+        transport.write(b"FREQ 250\n")
+        transport.write(b"FREQ?;VOLT?\n")
+        transport.mark_dirty()
+        for _ in range(20):
+            assert transport.query(b"FREQ?\n", 5.0) == b"+2.5000000000000E+02"
+            transport.mark_dirty()
+        assert transport.query(b"SYST:ERR?\n", 5.0) == b'+0,"No error"'
+        transport.close()
+
+
+def test_a_marker_that_is_not_answered_is_reported(server: SerialServer) -> None:
+    transport = SerialTransport(server.path, marker=lambda number: (b"a?\n" * 600, b"b"), max_reply_bytes=1000)
+    transport.open()
+    with pytest.raises(BadReply, match="does not answer"):
+        transport.clear()
+    assert transport.dirty
+    transport.close()
+
+
+def test_an_adapter_that_was_pulled_and_put_back_is_found_again(server: SerialServer, tmp_path: Path) -> None:
+    adapter = tmp_path / "adapter"
+    controller, terminal = os.openpty()
+    adapter.symlink_to(os.ttyname(terminal))
+    transport = SerialTransport(str(adapter))
+    transport.open()
+    os.close(controller)
+    os.close(terminal)
+    adapter.unlink()
+    with pytest.raises(DeviceDisconnected):
+        transport.query(b"x?\n", 1.0)
+    with pytest.raises(DeviceDisconnected, match="cannot be opened"):
+        transport.query(b"x?\n", 1.0)
+    adapter.symlink_to(server.terminal)
+    assert transport.query(b"y?\n", 5.0) == b"y?"
+    transport.close()
+
+
+def test_a_device_that_takes_nothing_is_a_timeout() -> None:
+    controller, terminal = os.openpty()  # nobody reads the controller's side
+    transport = SerialTransport(os.ttyname(terminal), write_timeout_s=0.1)
+    transport.open()
+    with pytest.raises(DeviceTimeout, match="did not take the command"):
+        transport.write(bytes(1_000_000))
+    transport.close()
+    os.close(controller)
+    os.close(terminal)

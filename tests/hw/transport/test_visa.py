@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import re
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from hw.errors import DeviceDisconnected, DeviceTimeout
+from hw.simulated.serial_server import SerialServer
+from hw.simulated.tcp_server import TcpServer
+from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.transport.marker import scpi_marker
+from hw.transport.visa import VisaTransport
+
+pytestmark = pytest.mark.timeout(30)
+
+
+@contextmanager
+def peer(behaviour: Callable[[socket.socket], None]) -> Iterator[str]:
+    """A TCP server for one connection that does what `behaviour` says; yields its resource name."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            with server.accept()[0] as connection:
+                behaviour(connection)
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        yield f"TCPIP::127.0.0.1::{server.getsockname()[1]}::SOCKET"
+        thread.join(10.0)
+
+
+def test_a_peer_that_hangs_up_without_a_word_is_a_disconnect_long_before_the_timeout() -> None:
+    def hang_up(connection: socket.socket) -> None:
+        connection.recv(100)
+
+    with peer(hang_up) as resource:
+        transport = VisaTransport(resource)
+        transport.open()
+        start = time.process_time()
+        with pytest.raises(DeviceDisconnected, match="closed by the peer"):
+            transport.query(b"*IDN?\n", 20.0)
+        assert time.process_time() - start < 5.0  # pyvisa-py alone spins for the whole timeout
+        transport.close()
+
+
+def test_clearing_a_dead_peer_does_not_hang() -> None:
+    with peer(lambda connection: None) as resource:
+        transport = VisaTransport(resource, open_timeout_s=1.0)
+        transport.open()
+    with pytest.raises(DeviceDisconnected):  # the port is closed by now
+        transport.clear()
+    transport.close()
+
+
+def test_a_peer_that_does_not_read_is_a_timeout() -> None:
+    done = threading.Event()
+    with peer(lambda connection: done.wait(20.0) and None) as resource:
+        transport = VisaTransport(resource, write_timeout_s=0.2)
+        transport.open()
+        with pytest.raises(DeviceTimeout):
+            transport.write(bytes(30_000_000))
+        transport.close()
+        done.set()
+
+
+def test_an_unknown_library_says_what_to_install() -> None:
+    with pytest.raises(DeviceDisconnected, match=re.escape("no VISA library for '@nosuch'")) as caught:
+        VisaTransport("GPIB0::10::INSTR", backend="@nosuch").open()
+    assert "pyvisa-py" in caught.value.hint
+
+
+def test_a_resource_that_the_library_cannot_parse_is_a_disconnect() -> None:
+    with pytest.raises(DeviceDisconnected, match="cannot be opened"):
+        VisaTransport("NONSENSE").open()
+
+
+def test_the_simulated_generator_over_a_socket_and_a_serial_line() -> None:
+    generator = Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0))
+    with TcpServer(generator) as tcp, SerialServer(generator) as serial:
+        for resource, marker in ((tcp.resource, None), (f"ASRL{serial.terminal}::INSTR", scpi_marker)):
+            transport = VisaTransport(resource, marker=marker)
+            transport.open()
+            transport.write(b"FREQ 250\n")
+            assert transport.query(b"FREQ?;VOLT?\n", 5.0) == b"+2.5000000000000E+02;+1.0000000000000E-01"
+            transport.clear()
+            assert transport.query(b"*IDN?\n", 5.0).split(b",")[1] == b"33220A"
+            transport.close()
