@@ -1,4 +1,4 @@
-"""Compiled kernels: `kernel` is numba's njit with the options that every kernel of the model uses.
+"""Compiled kernels: `kernel` is numba's njit with the options that the kernels of the model use.
 
 numba's own cache notices a change in the file of a kernel, not in the kernels and constants that it uses from other
 files. So the cache lives in a folder named by the hash of all sources of this package: whatever is edited, no stale
@@ -31,9 +31,18 @@ _FOLDER = str(cache_dir() / "kernels" / _sources_hash())
 
 def kernel(function: F) -> F:
     """Compile `function` at its first call; the machine code is cached on disk, the GIL is released."""
+    return _compiled(function, fastmath=False)
+
+
+def kernel_of_sums(function: F) -> F:
+    """The same for loops that only sum: sums may be taken in any order, so that the loop runs on vectors."""
+    return _compiled(function, fastmath={"reassoc", "contract", "nsz"})
+
+
+def _compiled(function: F, fastmath: bool | set[str]) -> F:
     config: Any = numba.config
     before, config.CACHE_DIR = config.CACHE_DIR, _FOLDER
     try:
-        return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+        return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=fastmath)(function))
     finally:
         config.CACHE_DIR = before

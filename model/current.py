@@ -50,5 +50,11 @@ def _admittance(
             a = 1.0 + beta * h[i, c]
             z = k_gap[i, c] * h[i, c] / a + shift[i]
             lookup(values, pressure[i] / p_scale[i], z / h_scale[i], out)
-            inverse_gap = out[1] * np.exp(1j * out[2]) / h_scale[i]
-            result[i, c] = abs(beta / a * apart[i] + k_gap[i, c] / (a * a) * inverse_gap)
+            result[i, c] = density_per_v(beta, a, k_gap[i, c], apart[i], out, h_scale[i])
+
+
+@kernel
+def density_per_v(beta: complex, a: complex, k_gap: complex, apart: float, looked_up: Array, h_scale: float) -> float:
+    """|current density/(j w eps0 V)| in 1/m from what `lookup` found; `apart` is the share out of contact."""
+    inverse_gap = looked_up[1] * np.exp(1j * looked_up[2]) / h_scale
+    return float(abs(beta / a * apart + k_gap / (a * a) * inverse_gap))

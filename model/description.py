@@ -15,10 +15,12 @@ from model.effects import BY_NAME, Effect
 from model.errors import ModelError, nearest
 from model.parameters import FRICTION_LAWS, SPECIFICATION, FrictionLaw, Parameter, TouchParameters
 
+VARIANTS = ("corrected", "published", "published_absolute")  # the last two: `published.py`
+
 
 @dataclass(frozen=True)
 class ModelDescription:
-    """A model as its file describes it; the default variant, `corrected`, is the only one so far."""
+    """A model as its file describes it; `variant` is one of `VARIANTS`."""
 
     name: str
     about: str
@@ -27,6 +29,11 @@ class ModelDescription:
     parameters: dict[str, Parameter]
     effect_parameters: dict[str, dict[str, Parameter]] = field(default_factory=dict)
     variant: str = "corrected"
+
+    @property
+    def is_published(self) -> bool:
+        """Whether it is to be computed by the equations as printed."""
+        return self.variant != "corrected"
 
     @property
     def values(self) -> TouchParameters:
@@ -77,8 +84,14 @@ def read_model(path: Path) -> ModelDescription:
         raise ModelError(f"{path}: model file cannot be read ({error.strerror})", "Give an existing file") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ModelError(f"{path}: not valid TOML: {error}", "Compare with configs/models/reference.toml") from error
-    _check_keys(content, ["name", "about", "friction_law", "dielectric", "parameters", "effects", "origin"], str(path))
-    law = content.get("friction_law", "applied_load")
+    keys = ["name", "about", "variant", "friction_law", "dielectric", "parameters", "effects", "origin"]
+    _check_keys(content, keys, str(path))
+    variant = content.get("variant", "corrected")
+    if variant not in VARIANTS:
+        raise ModelError(f"{path}: variant '{variant}' is unknown", nearest(str(variant), list(VARIANTS)))
+    if variant != "corrected" and content.get("effects"):
+        raise ModelError(f"{path}: variant '{variant}' has no effects", "Remove [effects], or use variant 'corrected'")
+    law = content.get("friction_law", "applied_load" if variant == "corrected" else "total_load")
     if law not in FRICTION_LAWS:
         raise ModelError(f"{path}: friction_law '{law}' is unknown", nearest(str(law), list(FRICTION_LAWS)))
     return ModelDescription(
@@ -88,6 +101,7 @@ def read_model(path: Path) -> ModelDescription:
         friction_law=law,
         parameters=_read_parameters(content.get("parameters", {}), path),
         effect_parameters=_read_effects(content.get("effects", {}), path),
+        variant=variant,
     )
 
 

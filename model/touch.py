@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from model.dielectrics import Array
 from model.parameters import TouchParameters
 
 Values = Any  # float or array, real or complex, broadcasting against the conditions
@@ -94,3 +95,15 @@ class Friction:
 
     cof_off_factor: Values = 1.0
     load_exponent: Values = 1.0
+
+
+@dataclass(frozen=True)
+class Attraction:
+    """What electricity does to n touches [n]: mean pressure in Pa and force in N, NaN where there is no answer.
+
+    `notes` say in words why, where the equations are to blame and not the contact.
+    """
+
+    pressure_pa: Array
+    force_n: Array
+    notes: tuple[str, ...] = ()

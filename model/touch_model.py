@@ -8,15 +8,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from model import current, friction, pressure
-from model.chain import prepare, touch_friction
+from model import current, friction, grid, pressure, published
+from model.chain import PreparedTouch, prepare, touch_friction
 from model.description import ModelDescription
-from model.dielectrics import Array
+from model.dielectrics import EPS0, Array
 from model.effects.base import SPEED_REFERENCE_M_S
 from model.errors import ModelError, nearest
 from model.gap_table import GapTable, gap_table
 from model.roughness import SelfAffineShape
-from model.touch import Drive
+from model.touch import Attraction, Drive
 
 WAVEFORMS = ("sine", "square", "dc")
 MEAN_SQUARE = {"sine": 0.5, "square": 1.0, "dc": 1.0}  # of a waveform of amplitude 1 V
@@ -80,9 +80,10 @@ class Conditions:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Answers for n conditions, all arrays [n]; NaN where the contact pulls in.
+    """Answers for n conditions, all arrays [n]; NaN where the contact pulls in or the published equations fail.
 
     `within_theory` is False where p_e exceeds 10 p0 or the tabulated pressures, and where there is no equilibrium.
+    `notes` say in words what the equations of a published variant could not answer.
     """
 
     electrostatic_force_n: Array
@@ -90,6 +91,7 @@ class Prediction:
     current_rms_a: Array
     stuck_current_rms_a: Array
     within_theory: NDArray[np.bool_]
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -125,50 +127,93 @@ class TouchModel:
         p, effects = self.description.values, self.description.effects
         drive = conditions.drive()
         touch = prepare(p, self.description.dielectric, effects, drive)
-        p_e = pressure.solve(self.table, touch.circuit)
         load_pa, load_n = touch.circuit.load_pa, np.asarray(drive.normal_force_n, dtype=np.float64)
+        attraction = self._attraction(drive, touch)
+        p_e = attraction.pressure_pa
         total_pa = load_pa + p_e + touch.circuit.added_pa
         sliding = current.sliding_current_per_v(self.table, touch.circuit, total_pa, touch.omega) * touch.rms_v
         stuck = current.stuck_current_per_v(touch.circuit.h_m, touch.omega) * touch.rms_v
         return Prediction(
-            electrostatic_force_n=p_e * p.contact_area_m2,
-            cof=touch_friction(self.description.friction_law, p, touch, p_e, load_n),
+            electrostatic_force_n=attraction.force_n,
+            cof=touch_friction(self.description.friction_law, p, touch, attraction.force_n / p.contact_area_m2, load_n),
             current_rms_a=p.contact_area_m2 * np.sqrt(np.sum(sliding**2, axis=1)),
             stuck_current_rms_a=p.contact_area_m2 * np.sqrt(np.sum(stuck**2, axis=1)),
             within_theory=p_e <= THEORY_PRESSURE_RATIO * load_pa,
+            notes=attraction.notes,
         )
 
-    def surface(self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array) -> SurfaceSolution:
+    def _attraction(self, drive: Drive, touch: PreparedTouch) -> Attraction:
+        """The one place where the variants part; the current, of which the paper prints nothing, is always ours."""
+        if self.description.is_published:
+            return published.solve(self.description, self.table, drive)
+        p_e = pressure.solve(self.table, touch.circuit)
+        return Attraction(p_e, p_e * self.description.values.contact_area_m2)
+
+    def surface(
+        self,
+        frequency_hz: Array,
+        voltage_v: Array,
+        normal_force_n: Array,
+        speed_m_s: float = SPEED_REFERENCE_M_S,
+        time_s: float = 0.0,
+    ) -> SurfaceSolution:
         """Every combination of frequency [f], rising voltage amplitude [v] and rising normal force [n], for a sine."""
-        if self.description.effects:
-            return self._surface_point_by_point(frequency_hz, voltage_v, normal_force_n)
+        if self.description.is_published:
+            return self._surface_point_by_point(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s)
         p = self.description.values
+        drive = Drive(
+            frequency_hz=frequency_hz[:, None],
+            voltage_v=voltage_v[None, :],
+            voltage_offset_v=0.0,
+            mean_square_factor=MEAN_SQUARE["sine"],
+            normal_force_n=normal_force_n[0],
+            speed_m_s=speed_m_s,
+            time_s=time_s,
+        )
+        touch = prepare(p, self.description.dielectric, self.description.effects, drive)
+        if not grid.has_one_curve(touch):
+            return self._surface_point_by_point(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s)
         load_pa = normal_force_n / p.contact_area_m2
-        at_one_volt = Conditions(frequency_hz, np.ones_like(frequency_hz), np.ones_like(frequency_hz))
-        touch = prepare(p, self.description.dielectric, (), at_one_volt.drive())
-        solution = pressure.solve_grid(self.table, touch.circuit, voltage_v, load_pa)
+        solution = grid.solve_grid(self.table, touch, load_pa)
+        omega, rms_v, added_pa = (
+            x.reshape(touch.shape)[:, :, None] for x in (touch.omega, touch.rms_v, touch.circuit.added_pa)
+        )
         p_e = solution.electrostatic_pressure_pa
         force = p_e * p.contact_area_m2
-        rms_a = voltage_v * np.sqrt(0.5) * p.contact_area_m2
-        shape = p_e.shape
-        whole = touch.circuit.repeated(shape[1] * shape[2])
-        omega = np.repeat(touch.omega, shape[1] * shape[2], axis=0)
-        sliding = current.sliding_current_per_v(self.table, whole, (load_pa + p_e).ravel(), omega)
-        stuck = current.stuck_current_per_v(touch.circuit.h_m, touch.omega)
-        return SurfaceSolution(
+        attraction = (p_e + added_pa) * p.contact_area_m2 if added_pa.any() else force
+        stuck = current.stuck_current_per_v(touch.circuit.h_m, touch.omega).reshape(touch.shape)
+        answer = SurfaceSolution(
             electrostatic_force_n=force,
-            cof=friction.cof(self.description.friction_law, p.cof_off, force, normal_force_n),
-            current_rms_a=sliding.reshape(shape) * rms_a[:, None],
-            stuck_current_rms_a=stuck * rms_a,
-            pulled_in=voltage_v[:, None] > solution.pull_in_voltage_v[:, None, :],
+            cof=friction.cof(self.description.friction_law, p.cof_off, attraction, normal_force_n, touch.friction),
+            current_rms_a=solution.admittance_per_m * (EPS0 * p.contact_area_m2 * omega * rms_v),
+            stuck_current_rms_a=p.contact_area_m2 * stuck * rms_v[:, :, 0],
+            pulled_in=solution.pulled_in,
             within_theory=p_e <= THEORY_PRESSURE_RATIO * load_pa,
         )
+        if np.any((drive.voltage_v == 0.0) & (touch.circuit.mean_square_v2.reshape(touch.shape) != 0.0)):
+            self._fill_in_undriven(answer, normal_force_n, speed_m_s, time_s)
+        return answer
 
-    def _surface_point_by_point(self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array) -> SurfaceSolution:
-        """With effects, which may depend on voltage or load: each point by itself, at reference speed and time 0."""
+    def _fill_in_undriven(
+        self, answer: SurfaceSolution, normal_force_n: Array, speed_m_s: float, time_s: float
+    ) -> None:
+        """Where something attracts without voltage, the frequency is ignored: one answer for all of them."""
+        zero = np.zeros_like(normal_force_n)
+        rest = self.predict(Conditions(zero, zero, normal_force_n, speed_m_s=zero + speed_m_s, time_s=zero + time_s))
+        answer.electrostatic_force_n[:, 0] = rest.electrostatic_force_n
+        answer.cof[:, 0] = rest.cof
+        answer.current_rms_a[:, 0] = answer.stuck_current_rms_a[:, :1] = 0.0
+        answer.pulled_in[:, 0] = ~np.isfinite(rest.electrostatic_force_n)
+        answer.within_theory[:, 0] = rest.within_theory
+
+    def _surface_point_by_point(
+        self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: float, time_s: float
+    ) -> SurfaceSolution:
+        """Each point by itself: for effects that change the stack or the field with voltage, and as published."""
         f, v, n = np.meshgrid(frequency_hz, voltage_v, normal_force_n, indexing="ij")
         shape = f.shape
-        found = self.predict(Conditions(f.ravel(), v.ravel(), n.ravel()))
+        speed, time = np.full(f.size, speed_m_s), np.full(f.size, time_s)
+        found = self.predict(Conditions(f.ravel(), v.ravel(), n.ravel(), speed_m_s=speed, time_s=time))
         cof = found.cof.reshape(shape)
         return SurfaceSolution(
             electrostatic_force_n=found.electrostatic_force_n.reshape(shape),

@@ -13,6 +13,7 @@ from model.chain import prepare, touch_friction
 from model.description import ModelDescription
 from model.diagnosis.data import Array, Measurements
 from model.effects import Effect
+from model.errors import ModelError
 from model.parameters import TouchParameters
 from model.touch import Drive
 from model.touch_model import TouchModel
@@ -63,6 +64,8 @@ class Predictor:
     """
 
     def __init__(self, description: ModelDescription, data: Measurements) -> None:
+        if description.is_published:
+            raise ModelError("the equations as printed cannot be fitted to data", "Use a model of variant 'corrected'")
         self.description = description
         self._on = data.effects_on
         self._table = TouchModel(description).table

@@ -213,7 +213,7 @@ class TestPairs:
                 if one is effect:
                     got = with_effects(median(one), median(other)).predict(conditions)
                     asked = alternating if "johnsen_rahbek" in (one.name, other.name) else np.full(45, True)
-                    for f in fields(Prediction):
+                    for f in (f for f in fields(Prediction) if f.name != "notes"):
                         assert np.isfinite(getattr(got, f.name)[asked]).all(), (other.name, f.name)
                     assert (got.cof[asked] > 0.0).all(), other.name
 

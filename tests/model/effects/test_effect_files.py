@@ -165,19 +165,19 @@ class TestPrediction:
         surface = model.surface(f, v, n)
         grid = [x.ravel() for x in np.meshgrid(f, v, n, indexing="ij")]
         single = model.predict(Conditions(*grid))
-        for name in ("electrostatic_force_n", "cof", "current_rms_a", "within_theory"):
-            np.testing.assert_array_equal(getattr(surface, name).ravel(), getattr(single, name))
+        for name in ("electrostatic_force_n", "cof", "current_rms_a"):
+            # cubic between nodes of pressure 0.1 apart in log p: 3e-6, amplified where the curve is steep
+            np.testing.assert_allclose(getattr(surface, name).ravel(), getattr(single, name), rtol=1e-5)
+        np.testing.assert_array_equal(surface.within_theory.ravel(), single.within_theory)
         assert surface.stuck_current_rms_a.shape == (2, 3)
         assert not surface.pulled_in.any()
 
     def test_an_effect_that_is_off_gives_the_surface_of_the_grid(self, models, with_effects) -> None:
-        """Point by point against the inverted curve."""
         f, v, n = np.array([10.0, 250.0, 1e5]), np.array([0.0, 30.0, 120.0]), np.array([0.1, 0.5, 1.5])
         grid = models["reference"].surface(f, v, n)
         points = with_effects(BY_NAME["skin_hydration"].off()).surface(f, v, n)
         for name in ("electrostatic_force_n", "cof", "current_rms_a", "stuck_current_rms_a"):
-            # cubic between 128 nodes of pressure: 1e-6, amplified where the curve is steep
-            np.testing.assert_allclose(getattr(points, name), getattr(grid, name), rtol=1e-5, atol=1e-12)
+            np.testing.assert_allclose(getattr(points, name), getattr(grid, name), rtol=1e-12)  # rounding
 
     def test_the_hash_follows_the_description(self, read) -> None:
         model = read(RESISTANCE)

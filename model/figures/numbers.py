@@ -1,0 +1,237 @@
+"""The curves of the paper's figures 4-8 as arrays, by the corrected equations and by the printed ones.
+
+The conditions are those of the paper's text: 75 V, 0.5 N, ten frequencies from 1 Hz to 1 MHz, direct voltages of 50 to
+300 V, +-50 % of four parameters. The printed equations are `published` (relative permittivities where the print has
+them); what they cannot answer is NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import pi
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from model.charges import Layers, coefficients, constant_layers, simulate
+from model.contact import area_ratio, mean_gap
+from model.description import ModelDescription
+from model.dielectrics import EPS0, Array, Dielectric, total_conductivity_s_per_m
+from model.errors import ModelError
+from model.layers import leak_conductance_per_pa
+from model.parameters import TouchParameters
+from model.published import as_published, complex_layers, printed_coefficients
+from model.published import solve as solve_published
+from model.reference_solutions import closed_form
+from model.roughness import SelfAffineShape
+from model.touch_model import Conditions, TouchModel
+
+PAPER_HZ = np.array([1.0, 10.0, 50.0, 100.0, 250.0, 500.0, 1e3, 1e4, 1e5, 1e6])  # section III
+SWEEP_HZ = np.unique(np.concatenate([np.geomspace(1.0, 1e6, 121), PAPER_HZ]))
+VOLTAGE_V = 75.0
+NORMAL_FORCE_N = 0.5
+STEP_V = (50.0, 75.0, 100.0, 150.0, 200.0, 300.0)  # Fig. 5
+VOLTAGES_V = np.unique(np.concatenate([np.linspace(0.0, 300.0, 61), STEP_V]))  # Fig. 4
+DIELECTRIC_AT_HZ = 1.0  # of the skin under a direct voltage; the print's constants change with the frequency (slip 7)
+STEP_TIME_S = np.concatenate([[0.0], np.geomspace(1e-7, 1e5, 241)])
+PRINTED_TIME_S = np.geomspace(1e5, 1e16, 221)  # relative permittivities make seconds of 1/eps0 s
+CHANGED = {
+    "insulator_thickness_m": "d₁, insulator thickness",
+    "skin_thickness_m": "d₂, skin thickness",
+    "insulator_permittivity": "ε₁, insulator permittivity",
+    "skin_modulus_pa": "Y₂, skin's Young's modulus",
+}
+CHANGE = 0.5  # Fig. 8
+GAP_NODES = 97
+ELASTICITY_STEP = 0.01  # of the central difference; halving it moves no elasticity by 1e-3
+
+
+def variants(description: ModelDescription) -> dict[str, TouchModel]:
+    """The same finger by the corrected and by the printed equations; ModelError for what has no corrected form."""
+    if description.is_published or description.effects:
+        raise ModelError(
+            f"model '{description.name}' is not the plain corrected model that the figures compare with the print",
+            "Give a model with variant 'corrected' and without effects, such as 'reference' or 'table1'",
+        )
+    return {"corrected": TouchModel(description), "published": TouchModel(as_published(description))}
+
+
+@dataclass(frozen=True)
+class Touching:
+    """Answers for conditions of one shape; NaN where there is none. `pressure_pa` is the electrostatic part p_e."""
+
+    force_n: Array
+    cof: Array
+    pressure_pa: Array
+    mean_gap_m: Array
+    area_ratio: Array
+
+
+def touching(model: TouchModel, frequency_hz: Array, voltage_v: Array | float = VOLTAGE_V) -> Touching:
+    """Solve sines that broadcast, at the paper's normal force, with the contact that each leaves."""
+    f, v = np.broadcast_arrays(np.asarray(frequency_hz, dtype=np.float64), np.asarray(voltage_v, dtype=np.float64))
+    conditions = Conditions(f.ravel(), v.ravel(), np.full(f.size, NORMAL_FORCE_N))
+    found, p = model.predict(conditions), model.description.values
+    pressure_pa = found.electrostatic_force_n / p.contact_area_m2
+    if model.description.is_published:  # whose force is not the pressure times the nominal area (30)
+        pressure_pa = solve_published(model.description, model.table, conditions.drive()).pressure_pa
+    p_hat = _total_pressure_pa(p, pressure_pa) / _pressure_scale_pa(p)
+    gap_m = _mean_gaps(model.table.shape, p_hat) * p.roughness_rms_m
+    columns = (found.electrostatic_force_n, found.cof, pressure_pa, gap_m, area_ratio(model.table.shape, p_hat))
+    return Touching(*(np.asarray(c).reshape(f.shape) for c in columns))
+
+
+def _mean_gaps(shape: SelfAffineShape, p_hat: Array) -> Array:
+    """`mean_gap` of many pressures: a spline in log p through `GAP_NODES` of them, good to 1e-6 of h_rms."""
+    known = p_hat[np.isfinite(p_hat)]
+    nodes = np.geomspace(0.999 * known.min(), 1.001 * known.max(), GAP_NODES)
+    spline = CubicSpline(np.log(nodes), [mean_gap(shape, node) for node in nodes], extrapolate=False)
+    return np.asarray(spline(np.log(p_hat)))
+
+
+def _total_pressure_pa(p: TouchParameters, electrostatic_pa: Array) -> Array:
+    return np.asarray(NORMAL_FORCE_N / p.contact_area_m2 + electrostatic_pa)
+
+
+def _pressure_scale_pa(p: TouchParameters) -> float:
+    return p.effective_modulus_pa * p.roll_off_wavenumber_per_m * p.roughness_rms_m
+
+
+def against_voltage(models: Mapping[str, TouchModel]) -> dict[str, Touching]:
+    """Fig. 4: [frequency, voltage] over `PAPER_HZ` and `VOLTAGES_V`, by variant."""
+    return {name: touching(model, PAPER_HZ[:, None], VOLTAGES_V) for name, model in models.items()}
+
+
+def against_frequency(models: Mapping[str, TouchModel]) -> dict[str, Touching]:
+    """Fig. 7: [frequency] over `SWEEP_HZ` at 75 V, by variant."""
+    return {name: touching(model, SWEEP_HZ) for name, model in models.items()}
+
+
+def loss_tangent(dielectric: Dielectric, frequency_hz: Array = SWEEP_HZ) -> Array:
+    """eps''/eps' of the skin, purple in Fig. 7(a)."""
+    k = dielectric.permittivity(frequency_hz)
+    return np.asarray(-k.imag / k.real)
+
+
+@dataclass(frozen=True)
+class Charges:
+    """Charge densities in C/m^2 at insulator-air (1) and air-skin (2); `at` is time in s or frequency in Hz."""
+
+    at: Array
+    rho1_c_per_m2: Array
+    rho2_c_per_m2: Array
+
+
+def charges_after_step(models: Mapping[str, TouchModel]) -> dict[str, Charges]:
+    """Fig. 5: [time, voltage] after each of `STEP_V` is switched on, by variant, without contact leakage.
+
+    The gap is the mean of Fig. 4(b) at 1 Hz and that voltage, the skin's constants are those at 1 Hz. The print's
+    permittivities are relative: its charges are multiplied by eps0 here, its time is left as it comes out.
+    """
+    volts = np.array(STEP_V)
+    at_hz = np.full(volts.shape, DIELECTRIC_AT_HZ)
+    gaps = {name: touching(model, at_hz, volts).mean_gap_m for name, model in models.items()}
+    description = models["corrected"].description
+    layers = constant_layers(description.values, description.dielectric, DIELECTRIC_AT_HZ)
+    step = np.ones_like(STEP_TIME_S)
+    right = simulate(layers, gaps["corrected"], STEP_TIME_S, step)
+    coefficients_as_printed = printed_coefficients(_relative(layers), gaps["published"])
+    printed = closed_form(coefficients_as_printed, 0.0, printed=True).charges(PRINTED_TIME_S[:, None])
+    return {
+        "corrected": Charges(STEP_TIME_S, right.rho1_c_per_m2 * volts, right.rho2_c_per_m2 * volts),
+        "published": Charges(PRINTED_TIME_S, EPS0 * printed[0] * volts, EPS0 * printed[1] * volts),
+    }
+
+
+def _relative(layers: Layers) -> Layers:
+    """The permittivities of Table I where the laws have absolute ones (slip 6)."""
+    return replace(
+        layers,
+        insulator_permittivity_f_per_m=layers.insulator_permittivity_f_per_m / EPS0,
+        air_permittivity_f_per_m=layers.air_permittivity_f_per_m / EPS0,
+        skin_permittivity_f_per_m=layers.skin_permittivity_f_per_m / EPS0,
+    )
+
+
+def steady_charges(models: Mapping[str, TouchModel]) -> dict[str, Charges]:
+    """Fig. 6: amplitudes [frequency] over `SWEEP_HZ` at 75 V and the mean gap there; also `with_leak`, corrected.
+
+    `with_leak` has the contact conductance beside the gap, as the force has it; the paper's charges have none.
+    """
+    solved = against_frequency(models)
+    layers = _layers_at(models["corrected"].description, SWEEP_HZ)
+    p = models["corrected"].description.values
+    leak = leak_conductance_per_pa(p, layers.skin_conductivity_s_per_m)
+    leaking = replace(
+        layers, contact_conductance_s_per_m2=leak * _total_pressure_pa(p, solved["corrected"].pressure_pa)
+    )
+    gap = {name: found.mean_gap_m for name, found in solved.items()}
+    printed = printed_coefficients(complex_layers(models["published"].description, SWEEP_HZ), gap["published"])
+    systems = {
+        "corrected": (coefficients(layers, gap["corrected"]), 1.0),
+        "published": (printed, EPS0),
+        "with_leak": (coefficients(leaking, gap["corrected"]), 1.0),
+    }
+    found = {}
+    for name, (system, unit) in systems.items():
+        rho1, rho2 = (unit * VOLTAGE_V * np.abs(rho) for rho in system.response(2j * pi * SWEEP_HZ))
+        found[name] = Charges(SWEEP_HZ, rho1, rho2)
+    return found
+
+
+def _layers_at(description: ModelDescription, frequency_hz: Array) -> Layers:
+    """Constants of the layers at each frequency: a steady sine needs no others."""
+    k_skin = description.dielectric.permittivity(frequency_hz)
+    at_one = constant_layers(description.values, description.dielectric, DIELECTRIC_AT_HZ)
+    return replace(
+        at_one,
+        skin_permittivity_f_per_m=EPS0 * k_skin.real,
+        skin_conductivity_s_per_m=total_conductivity_s_per_m(k_skin, frequency_hz),
+    )
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Fig. 8 for one parameter: forces [frequency] at 50 %, 100 % and 150 % of it, and d ln F/d ln x at 100 %."""
+
+    frequency_hz: Array
+    lower_n: Array
+    nominal_n: Array
+    higher_n: Array
+    elasticity: Array
+
+    @property
+    def lower_percent(self) -> Array:
+        """Change of the force in percent when the parameter is halved."""
+        return np.asarray(100.0 * (self.lower_n / self.nominal_n - 1.0))
+
+    @property
+    def higher_percent(self) -> Array:
+        """Change of the force in percent when the parameter is half as large again."""
+        return np.asarray(100.0 * (self.higher_n / self.nominal_n - 1.0))
+
+
+def sensitivities(model: TouchModel, frequency_hz: Array = PAPER_HZ) -> dict[str, Sensitivity]:
+    """Fig. 8: by parameter of `CHANGED`, at 75 V."""
+    up, down = 1.0 + ELASTICITY_STEP, 1.0 - ELASTICITY_STEP
+    found = {}
+    for name in CHANGED:
+        low, nominal, high, above, below = (
+            _force_n(_scaled(model, name, factor), frequency_hz)
+            for factor in (1.0 - CHANGE, 1.0, 1.0 + CHANGE, up, down)
+        )
+        elasticity = np.log(above / below) / np.log(up / down)
+        found[name] = Sensitivity(frequency_hz, low, nominal, high, elasticity)
+    return found
+
+
+def _force_n(model: TouchModel, frequency_hz: Array) -> Array:
+    at = np.full_like(frequency_hz, VOLTAGE_V), np.full_like(frequency_hz, NORMAL_FORCE_N)
+    return model.predict(Conditions(frequency_hz, *at)).electrostatic_force_n
+
+
+def _scaled(model: TouchModel, name: str, factor: float) -> TouchModel:
+    given = model.description.parameters
+    changed = replace(given[name], value=given[name].value * factor)
+    return TouchModel(replace(model.description, parameters={**given, name: changed}))

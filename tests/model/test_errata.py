@@ -1,0 +1,404 @@
+"""Every slip of docs/errata.md: derived from the laws with sympy or measured, and the numbers that the page quotes.
+
+Each test of a slip fails if the correction were what is printed.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.integrate import quad
+
+from model.charges import Layers, coefficients, constant_layers, simulate
+from model.contact import area_ratio, mean_gap
+from model.dielectrics import EPS0, total_conductivity_s_per_m
+from model.layers import branch, leak_conductance_per_pa
+from model.published import (
+    as_published,
+    complex_layers,
+    contact_conductance_per_pa,
+    printed_coefficients,
+    printed_field,
+)
+from model.reference_solutions import closed_form
+from model.roughness import contact_length_m, r_of_hurst
+from model.touch_model import Conditions, TouchModel
+
+PAGE = Path(__file__).parents[2] / "docs" / "errata.md"
+F_HZ, V, LOAD_N, P0_PA = 250.0, 75.0, 0.5, 5e3  # where the page counts consequences: Table I
+QUOTED = re.compile(r"`(\w+) = ([-+]?[0-9.]+(?:e[-+]?[0-9]+)?)(?: [^`]*)?`")
+
+# symbols of the laws: permittivities absolute
+D1, D2, U, E1P, EGP, E2P, S1, SG, S2 = sp.symbols("d1 d2 u eps1 epsg eps2 sigma1 sigmag sigma2", positive=True)
+RHO1, RHO2, VOLT = sp.symbols("rho1 rho2 V")
+DG = U + EGP * (D1 / E1P + D2 / E2P)
+
+
+@pytest.fixture(scope="module")
+def charging() -> tuple[sp.Expr, sp.Expr]:
+    """-d rho1/dt and -d rho2/dt from (2)-(8) alone, solved by sympy."""
+    f1, fg, f2 = sp.symbols("E1 Eg E2")
+    laws = [EGP * fg - E1P * f1 - RHO1, E2P * f2 - EGP * fg - RHO2, D1 * f1 + U * fg + D2 * f2 - VOLT]
+    field = sp.solve(laws, [f1, fg, f2], dict=True)[0]
+    return (
+        sp.expand(sp.simplify(-S1 * field[f1] + SG * field[fg])),
+        sp.expand(sp.simplify(-SG * field[fg] + S2 * field[f2])),
+    )
+
+
+def coefficient(expression: sp.Expr, of: sp.Symbol) -> sp.Expr:
+    return sp.simplify(sp.diff(expression, of))
+
+
+D2_DENOMINATOR = D2 + E2P * (D1 / E1P + U / EGP)
+
+
+class TestInterfaceCharge:
+    def test_14_is_right_as_printed(self, charging) -> None:
+        d1 = D1 + E1P * (U / EGP + D2 / E2P)
+        printed = {
+            RHO1: S1 * (U / EGP + D2 / E2P) / d1 + SG * (D1 / E1P) / DG,
+            RHO2: S1 * (D2 / E2P) / d1 - SG * (D2 / E2P) / DG,
+            VOLT: -S1 / d1 + SG / DG,
+        }
+        for symbol, term in printed.items():
+            assert sp.simplify(coefficient(charging[0], symbol) - term) == 0
+
+    def test_15_rho2(self, charging) -> None:
+        skin = S2 * (D1 / E1P + U / EGP) / D2_DENOMINATOR
+        found = coefficient(charging[1], RHO2)
+        assert sp.simplify(found - (skin + SG * (D2 / E2P) / DG)) == 0
+        assert sp.simplify(found - (skin - SG * (D2 / E2P) / DG)) != 0
+
+    def test_15_voltage(self, charging) -> None:
+        found = coefficient(charging[1], VOLT)
+        assert sp.simplify(found - (S2 / D2_DENOMINATOR - SG / DG)) == 0
+        assert sp.simplify(found - (S2 / D2_DENOMINATOR - SG * (D2 / E1P) / DG)) != 0
+
+    def test_the_code_has_the_right_ones_and_the_printed_ones(self, charging) -> None:
+        values = {D1: 1.3, D2: 0.7, U: 0.4, E1P: 2.1, EGP: 1.1, E2P: 3.7, S1: 0.3, SG: 0.9, S2: 1.7}
+        layers = Layers(1.3, 2.1, 0.3, 1.1, 0.9, 0.7, 3.7, 1.7)
+        right = coefficients(layers, 0.4)
+        for i, names in enumerate(("abc", "def")):
+            for symbol, name in zip((RHO1, RHO2, VOLT), names, strict=True):
+                expected = float(coefficient(charging[i], symbol).subs(values))
+                assert getattr(right, name) == pytest.approx(expected, rel=1e-12)
+        skin = S2 * (D1 / E1P + U / EGP) / D2_DENOMINATOR - SG * (D2 / E2P) / DG
+        volt = S2 / D2_DENOMINATOR - SG * (D2 / E1P) / DG
+        printed = printed_coefficients(layers, 0.4)
+        assert printed.e == pytest.approx(float(skin.subs(values)), rel=1e-12)
+        assert printed.f == pytest.approx(float(volt.subs(values)), rel=1e-12)
+
+
+class TestAppendixB:
+    """lambda and delta follow from the rest of (34)-(35) and from layers that are neutral at first."""
+
+    A, B, C, D, E, F, W, T = sp.symbols("a b c d e f omega t")
+    PSI = W**4 + (A**2 + E**2 + 2 * B * D) * W**2 + (A * E - B * D) ** 2
+    ETA = ((A * C + B * F) * W**2 + A * C * E**2 + D * F * B**2 - A * B * E * F - B * C * D * E) / PSI
+    ALPHA2 = -(C * W**3 + (C * E**2 - A * B * F + B * C * D - B * E * F) * W) / PSI
+    KAPPA = ((C * D + E * F) * W**2 + B * C * D**2 + E * F * A**2 - A * B * D * F - A * C * D * E) / PSI
+    BETA2 = -(F * W**3 + (F * A**2 - A * C * D + B * D * F - C * D * E) * W) / PSI
+    LAMBDA = (
+        (C * A * E - C * B * D) * W**2 + C * A * E**3 - C * B * D * E**2 - F * A * B * E**2 - F * B * E * A**2
+    ) / PSI
+    DELTA = (
+        (F * A * E - F * B * D) * W**2 + F * E * A**3 - F * B * D * A**2 - C * D * E * A**2 - C * A * D * E**2
+    ) / PSI
+
+    def test_the_other_coefficients_are_right(self) -> None:
+        """alpha_1 - j alpha_2 with alpha_1 = -eta is (18) at s = j w, and so for (19)."""
+        s = sp.I * self.W
+        determinant = (s + self.E) * (s + self.A) - self.D * self.B
+        rho1 = (-self.C * (s + self.E) + self.F * self.B) / determinant
+        rho2 = (-self.F * (s + self.A) + self.C * self.D) / determinant
+        assert sp.simplify(rho1 - (-self.ETA - sp.I * self.ALPHA2)) == 0
+        assert sp.simplify(rho2 - (-self.KAPPA - sp.I * self.BETA2)) == 0
+
+    def start(self, steady: sp.Expr, eta: sp.Expr, lambda_: sp.Expr) -> sp.Expr:
+        """d rho/dt at t = 0 of (34), per volt, for neutral layers."""
+        return self.W * steady - (self.A + self.E) * eta + lambda_
+
+    def test_lambda(self) -> None:
+        missing = self.B * self.D * (self.A * self.B * self.F + self.A * self.C * self.E - self.B * self.C * self.D
+                                     + self.B * self.E * self.F) / self.PSI  # fmt: skip
+        assert sp.simplify(self.start(self.ALPHA2, self.ETA, self.LAMBDA + missing) + self.C) == 0
+        assert sp.simplify(self.start(self.ALPHA2, self.ETA, self.LAMBDA) + self.C) != 0
+
+    def test_delta(self) -> None:
+        missing = self.B * self.D * (self.A * self.C * self.D + self.A * self.E * self.F - self.B * self.D * self.F
+                                     + self.C * self.D * self.E) / self.PSI  # fmt: skip
+        assert sp.simplify(self.start(self.BETA2, self.KAPPA, self.DELTA + missing) + self.F) == 0
+        assert sp.simplify(self.start(self.BETA2, self.KAPPA, self.DELTA) + self.F) != 0
+
+
+def test_conduction_of_the_skin_is_counted_once() -> None:
+    """With eps2 real and sigma2 in (7), E_g is V/(u + eps_g h), k2 = eps2' + sigma2/s; with (1) in (7) it is not."""
+    s = sp.symbols("s")
+
+    def gap_field(eps2: sp.Expr) -> sp.Expr:
+        y1, yg, y2 = (sigma + s * eps for sigma, eps in ((S1, E1P), (SG, EGP), (S2, eps2)))  # (6)-(7): one current
+        current = VOLT / (D1 / y1 + U / yg + D2 / y2)  # (8)
+        return current / yg
+
+    def stack_field(k2: sp.Expr) -> sp.Expr:
+        k1, kg = E1P + S1 / s, EGP + SG / s
+        return VOLT / (U + kg * (D1 / k1 + D2 / k2))
+
+    once, twice = E2P + S2 / s, E2P + 2 * S2 / s
+    assert sp.cancel(gap_field(E2P) - stack_field(once)) == 0
+    assert sp.cancel(gap_field(once) - stack_field(once)) != 0
+    assert sp.cancel(gap_field(once) - stack_field(twice)) == 0
+
+
+def test_relaxation_times_need_absolute_permittivities(models) -> None:
+    """(4)-(7) with absolute permittivities give the RC time of a layer by itself: R C = eps0 eps_r/sigma."""
+    parameters = models["table1"].description.values
+    k_skin = models["table1"].description.dielectric.permittivity(np.array([F_HZ]))
+    sigma = float(total_conductivity_s_per_m(k_skin, np.array([F_HZ]))[0])
+    resistance, capacitance = 200e-6 / sigma, EPS0 * float(k_skin.real[0]) / 200e-6
+    layers = constant_layers(parameters, models["table1"].description.dielectric, F_HZ)
+    assert 1.0 / layers.relaxation_rates_per_s(0.0)[2] == pytest.approx(resistance * capacitance, rel=1e-12)
+    relative = complex_layers(models["table1"].description, np.array([F_HZ]))
+    assert 1.0 / relative.relaxation_rates_per_s(0.0)[2].real[0] > 1e10 * resistance * capacitance
+
+
+def test_constants_that_follow_the_drive_break_superposition(models) -> None:
+    """Two sines together are not the sum of each with its own constants, and no choice of constants serves a step."""
+    d = models["table1"].description
+    time = np.linspace(0.0, 2e-4, 2001)
+    low, high = (np.cos(2.0 * np.pi * f * time) for f in (250.0, 1e5))
+    gap = np.array([66.6e-6])
+
+    def charge(volt: np.ndarray, at_hz: float) -> np.ndarray:
+        return simulate(constant_layers(d.values, d.dielectric, at_hz), gap, time, volt).rho2_c_per_m2[:, 0]
+
+    one_system = charge(low, 250.0) + charge(high, 250.0)
+    np.testing.assert_allclose(charge(low + high, 250.0), one_system, rtol=1e-9, atol=1e-9 * np.abs(one_system).max())
+    each_its_own = charge(low, 250.0) + charge(high, 1e5)
+    assert np.abs(each_its_own - one_system).max() > 0.01 * np.abs(one_system).max()
+
+
+def test_the_leak_lies_beside_the_gap() -> None:
+    """One current (s k_g/u + alpha) u E crosses gap and stack (eps0 = 1); alpha -> inf leaves no field."""
+    s, alpha, h, k_gap, field = sp.symbols("s alpha h k_g E", positive=True)
+    current = (s * k_gap / U + alpha) * U * field
+    found = sp.solve(U * field + current * h / s - VOLT, field)[0]
+    assert sp.simplify(found - VOLT / ((1 + alpha * h / s) * U + k_gap * h)) == 0
+    assert sp.limit(found.subs({k_gap: 1, VOLT: 1}), alpha, sp.oo) == 0
+
+
+def test_the_printed_leak_does_not_short_the_gap(at) -> None:
+    """(26) as printed grows where the leak is smaller: E_L ~ 1/alpha. A leak that vanishes must not matter."""
+    field = printed_field(at.description, np.array([F_HZ]), np.array([at.gap_m]), absolute=True)
+    leaks = [abs(field.leak_pa_per_m[0]) / p for p in (P0_PA, P0_PA / 10.0)]
+    assert leaks[1] == pytest.approx(10.0 * leaks[0], rel=1e-12)
+
+
+def test_stress_is_the_mean_of_the_square() -> None:
+    """<(Re E e^jwt)^2> = |E|^2/2, whatever the phase of E; E^2 as printed is complex and depends on it."""
+    t, phase, size = sp.symbols("t phi E", real=True)
+    mean = sp.integrate(sp.expand_trig((size * sp.cos(t + phase)) ** 2), (t, 0, 2 * sp.pi)) / (2 * sp.pi)
+    assert sp.simplify(mean - size**2 / 2) == 0
+    square = (size * sp.exp(sp.I * phase)) ** 2
+    assert sp.simplify(sp.re(square) - size**2 * sp.cos(2 * phase)) == 0
+
+
+def test_pressure_is_already_an_average_over_the_nominal_area() -> None:
+    """Plates with gaps u_i over shares x_i of A0: the force is A0 sum x_i sigma_i, whatever the real contact is."""
+    share, stress = np.array([0.2, 0.5, 0.3]), np.array([4e3, 1e3, 7e2])
+    force_n = float(np.sum(share * 1e-4 * stress))
+    assert force_n == pytest.approx(1e-4 * float(share @ stress), rel=1e-15)
+    assert force_n != pytest.approx(1e-4 * 1.94e-4 * float(share @ stress), rel=0.5)
+
+
+def test_friction_that_a_sensor_under_the_screen_reads() -> None:
+    """F_t = mu_off (F_n + F_e) by Coulomb; mu_on = F_t/F_n with F_n applied."""
+    off, on, load, force = sp.symbols("mu_off mu_on F_n F_e", positive=True)
+    found = sp.solve(sp.Eq(on * load, off * (load + force)), force)[0]
+    assert sp.simplify(found - (on / off - 1) * load) == 0
+    assert sp.simplify(found - (1 - off / on) * load) != 0
+    total = sp.solve(sp.Eq(on * load, off * (load + force)).subs(load, load - force), force)[0]
+    assert sp.simplify(total - (1 - off / on) * load) == 0  # (31) holds for a load that contains F_e
+
+
+def test_conductance_of_the_contact_is_the_skins(models) -> None:
+    """Spots of the insulator's surface charged through the skin: its conductivity limits, the insulator's does not."""
+    v = models["table1"].description.values
+    sigma = np.array([2e-4])
+    ours, printed = leak_conductance_per_pa(v, sigma), contact_conductance_per_pa(v, sigma)
+    length = contact_length_m(0.86, 22e-6, 8e3, 1e10)
+    assert ours[0] == pytest.approx(2.0 * 2e-4 / (v.effective_modulus_pa * length), rel=1e-12)
+    assert printed[0] == pytest.approx(2.0 * 1e-13 / (v.effective_modulus_pa * length), rel=1e-8)
+    assert ours[0] > 1e9 * printed[0]
+
+
+def test_the_exponent_that_converges() -> None:
+    for hurst in (0.71, 0.86):
+        s = hurst / (2.0 * (1.0 - hurst))
+        value, _ = quad(lambda y, s=s, h=hurst: 2.0 * s * (1.0 + y * y) ** (-1.0 / (2.0 * (1.0 - h))), 0.0, np.inf)
+        assert r_of_hurst(hurst) == pytest.approx(value, rel=1e-9)
+    partial = literal_partial_integrals()
+    assert partial[1] / partial[0] == pytest.approx(1e3**0.43, rel=0.02)  # grows as x^(1/2 - (1-H)/2) without end
+
+
+def literal_partial_integrals() -> list[float]:
+    """H/(2(1-H)) times the integral (40) read from left to right, x^(-(1/2)(1-H)), up to 1e3 and 1e6, at H = 0.86."""
+    s = 0.86 / 0.28
+    return [s * quad(lambda y: 2.0 * (1.0 + y * y) ** -0.07, 0.0, np.sqrt(end))[0] for end in (1e3, 1e6)]
+
+
+def test_whether_alpha_depends_on_frequency(models) -> None:
+    v = models["table1"].description.values
+    f = np.array([1.0, 1e6])
+    sigma = total_conductivity_s_per_m(models["table1"].description.dielectric.permittivity(f), f)
+    printed, ours = contact_conductance_per_pa(v, sigma), leak_conductance_per_pa(v, sigma)
+    assert abs(printed[1] / printed[0] - 1.0) < 1e-8
+    assert ours[1] / ours[0] == pytest.approx(sigma[1] / sigma[0], rel=1e-12)
+    assert ours[1] / ours[0] > 50.0
+
+
+@dataclass(frozen=True)
+class _At:
+    """Table I under 0.5 N at 250 Hz: what most numbers of the page start from."""
+
+    model: TouchModel
+
+    @property
+    def description(self):
+        return self.model.description
+
+    @property
+    def scale_pa(self) -> float:
+        v = self.description.values
+        return v.effective_modulus_pa * v.roll_off_wavenumber_per_m * v.roughness_rms_m
+
+    @property
+    def gap_m(self) -> float:
+        return mean_gap(self.model.table.shape, P0_PA / self.scale_pa) * self.description.values.roughness_rms_m
+
+    @property
+    def sigma(self) -> np.ndarray:
+        return total_conductivity_s_per_m(self.description.dielectric.permittivity(np.array([F_HZ])), np.array([F_HZ]))
+
+
+@pytest.fixture(scope="module")
+def at(models) -> _At:
+    return _At(models["table1"])
+
+
+@pytest.fixture(scope="module")
+def numbers(at: _At, fresh_tables: Callable[[TouchModel], TouchModel]) -> dict[str, float]:
+    """Everything that the page quotes, computed."""
+    d, v = at.description, at.description.values
+    f, gap = np.array([F_HZ]), np.array([at.gap_m])
+    layers = constant_layers(v, d.dielectric, F_HZ)
+    right, printed = coefficients(layers, at.gap_m), printed_coefficients(layers, at.gap_m)
+    mended, slipped = (closed_form(right, 0.0, printed=p) for p in (False, True))
+    stack = branch(v, d.dielectric, f)
+    h = stack.h_m(v)[0]
+    leak = leak_conductance_per_pa(v, at.sigma)[0] * P0_PA
+    beta = leak / (2j * np.pi * F_HZ * EPS0)
+    field = printed_field(d, f, gap, absolute=True)
+    with_leak, without = (1.0 / abs((1.0 + b * h) * at.gap_m + stack.k_gap[0] * h) for b in (beta, 0.0))
+    conditions = Conditions(f, np.array([V]), np.array([LOAD_N]))
+    ours = at.model.predict(conditions)
+    as_read, in_si = (fresh_tables(TouchModel(as_published(d, absolute=a))).predict(conditions) for a in (False, True))
+    force, cof = ours.electrostatic_force_n[0], ours.cof[0]
+    p_e = force / v.contact_area_m2
+    real_area = float(area_ratio(at.model.table.shape, (P0_PA + p_e) / at.scale_pa))
+    ends = np.array([1.0, 1e6])
+    sigma_ends = total_conductivity_s_per_m(d.dielectric.permittivity(ends), ends)
+    ours_at_ends, printed_at_ends = leak_conductance_per_pa(v, sigma_ends), contact_conductance_per_pa(v, sigma_ends)
+    partial = literal_partial_integrals()
+    assert np.isnan(in_si.cof).all()  # negative or diverging: see section 9
+
+    def tau2(at_hz: float) -> float:
+        return float(1.0 / constant_layers(v, d.dielectric, at_hz).relaxation_rates_per_s(0.0)[2])
+
+    skin_k = stack.k_skin[0].real + 2j * stack.k_skin[0].imag
+    total = field.gap_per_m[0] - field.leak_pa_per_m[0] / P0_PA
+    return {
+        "mean_gap": at.gap_m,
+        "e": right.e,
+        "e_error": printed.e / right.e - 1.0,
+        "f": right.f,
+        "f_printed": printed.f,
+        "lambda_error": slipped.lambda_ / mended.lambda_ - 1.0,
+        "delta_error": slipped.delta / mended.delta - 1.0,
+        "skin_length_once": abs(v.skin_thickness_m / stack.k_skin[0]),
+        "skin_length_twice": abs(v.skin_thickness_m / skin_k),
+        "tau2": tau2(F_HZ),
+        "tau2_relative": stack.k_skin[0].real / at.sigma[0],
+        "charge_share_absolute": charge_share(d, gap, absolute=True),
+        "charge_share_relative": charge_share(d, gap, absolute=False),
+        "tau2_at_1_kHz": tau2(1e3),
+        "tau2_at_100_kHz": tau2(1e5),
+        "leak_over_gap_field": abs(field.leak_pa_per_m[0]) / P0_PA / abs(field.gap_per_m[0]),
+        "leak_takes": 1.0 - with_leak / without,
+        "square_real_part": (total**2).real / abs(total) ** 2,
+        "stress_ratio": 2.0 * ((1.0 / (1e-6 + h)) ** 2).real * abs(1e-6 + h) ** 2,
+        "area_ratio": real_area,
+        "force": force,
+        "force_by_30": force * real_area,
+        "published_force": as_read.electrostatic_force_n[0],
+        "cof": cof,
+        "published_cof": as_read.cof[0],
+        "force_by_31": (1.0 - v.cof_off / cof) * LOAD_N,
+        "alpha": leak,
+        "alpha_by_37": contact_conductance_per_pa(v, at.sigma)[0] * P0_PA,
+        "r": r_of_hurst(0.86),
+        "r_literal_to_1e3": partial[0],
+        "r_literal_to_1e6": partial[1],
+        "alpha_rise": ours_at_ends[1] / ours_at_ends[0],
+        "alpha_rise_by_37": printed_at_ends[1] / printed_at_ends[0],
+    }
+
+
+def charge_share(description, gap: np.ndarray, *, absolute: bool) -> float:
+    """What the interface charges add to V in (10) at 250 Hz, as a share of V."""
+    layers = complex_layers(description, np.array([F_HZ]), absolute=absolute)
+    rho1, rho2 = printed_coefficients(layers, gap).response(2j * np.pi * F_HZ)
+    insulator, _, skin = layers.elastances(gap)
+    return float(abs(insulator * rho1 - skin * rho2)[0])
+
+
+class TestPage:
+    TEXT = PAGE.read_text(encoding="utf-8")
+    SLIPS = (
+        "(15), the term of rho2",
+        "(15), the term of V",
+        "Appendix B, lambda",
+        'Appendix B, the second "lambda"',
+        "(1) with (7)",
+        "(4)-(24)",
+        "(20)-(21) and Fig. 5",
+        "(24)-(26)",
+        "(28)-(29)",
+        "(30)",
+        "(31)",
+        "(36)-(37)",
+        "(40)",
+        "The text on alpha",
+    )
+
+    def test_every_slip_has_its_section_in_order(self) -> None:
+        titles = re.findall(r"^## \d+\. (.+)$", self.TEXT, re.M)
+        assert titles == list(self.SLIPS)
+        sections = re.split(r"^## \d+\. .+$", self.TEXT, flags=re.M)[1:]
+        for section in sections:
+            for part in ("**Printed.**", "**Corrected.**", "**Why.**", "**Consequence.**"):
+                assert section.count(part) == 1
+
+    def test_every_quoted_number_is_computed_and_every_computed_one_quoted(self, numbers) -> None:
+        quoted = QUOTED.findall(self.TEXT)
+        assert {name for name, _ in quoted} == set(numbers)
+        for name, text in quoted:
+            digits = len(text.lstrip("-+").split("e")[0].replace(".", "").lstrip("0"))
+            assert float(f"{numbers[name]:.{digits - 1}e}") == pytest.approx(float(text), rel=1e-12), name

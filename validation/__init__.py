@@ -1,0 +1,1 @@
+"""Comparisons with independent solvers: `make validate`. Needs the extra `validate`; nothing shipped imports it."""
