@@ -1,7 +1,7 @@
 """Texture stage: where the finger is -> the coefficient of friction that belongs there.
 
-Textures are records that can be asked for friction at one position or at arrays of them. Where a texture asks for
-nothing, the answer is NaN.
+Textures are records that can be asked for friction at one position or at arrays of them. A script plays textures by
+the clock. Where nothing is asked for, the answer is NaN.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ import math
 from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import overload
+from dataclasses import dataclass, field, replace
+from typing import Literal, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +28,28 @@ SHORTEST_LENGTH_M = 1e-6
 
 NO_TARGET = TargetFriction(cof=math.nan, active=False)
 
+Outside = Literal["nothing", "clamp", "tile"]  # beyond its ends a texture has nothing, its edge, or itself again
+Interpolation = Literal["hold", "linear", "cosine"]
 
-class Texture(ABC):
+
+class Target(ABC):
+    """What a tick asks for the friction under the finger."""
+
+    @abstractmethod
+    def cof_under(self, finger: FingerState) -> float:
+        """Friction for a finger in contact, or NaN where nothing is asked for."""
+
+    @abstractmethod
+    def bounds(self) -> tuple[float, float]:
+        """The lowest and the highest friction ever asked for."""
+
+
+class Texture(Target):
     """A coefficient of friction for every position, or NaN where nothing is asked for."""
+
+    def cof_under(self, finger: FingerState) -> float:
+        """Friction at the finger's position."""
+        return self.cof_at(finger.position_x_m, finger.position_y_m)
 
     @overload
     def cof_at(self, x_m: float, y_m: float) -> float: ...
@@ -49,21 +68,17 @@ class Texture(ABC):
         return np.where(on_screen, cof, math.nan)
 
     @abstractmethod
-    def bounds(self) -> tuple[float, float]:
-        """The lowest and the highest friction that the texture asks for anywhere."""
-
-    @abstractmethod
     def _cof_at_point(self, x_m: float, y_m: float) -> float: ...
 
     @abstractmethod
     def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray: ...
 
 
-def target(texture: Texture, finger: FingerState) -> TargetFriction:
+def target(texture: Target, finger: FingerState) -> TargetFriction:
     """The friction asked for under the finger: none without contact, and none where the texture has none."""
     if not finger.in_contact:
         return NO_TARGET
-    cof = texture.cof_at(finger.position_x_m, finger.position_y_m)
+    cof = texture.cof_under(finger)
     return NO_TARGET if math.isnan(cof) else TargetFriction(cof, active=True)
 
 
@@ -124,13 +139,14 @@ class Grating(Texture):
 
 @dataclass(frozen=True)
 class Profile(Texture):
-    """Friction along x, linear between its points, the same for every y; nothing before the first and after the last.
+    """Friction along x, linear between its points, the same for every y.
 
-    Positions increase strictly; there are at least two.
+    Positions increase strictly; there are at least two. Tiled, it repeats after the distance from first to last point.
     """
 
     position_m: Sequence[float]
     cof: Sequence[float]
+    outside: Outside = "nothing"
 
     def __post_init__(self) -> None:
         """Keep the points as tuples of floats; refuse points out of order or not finite."""
@@ -153,31 +169,39 @@ class Profile(Texture):
 
     def _cof_at_point(self, x_m: float, y_m: float) -> float:
         position_m = self.position_m
-        if not position_m[0] <= x_m <= position_m[-1]:
-            return math.nan
+        first_m, last_m = position_m[0], position_m[-1]
+        if not first_m <= x_m <= last_m:
+            if self.outside == "nothing":
+                return math.nan
+            if self.outside == "clamp":
+                return self.cof[0] if x_m < first_m else self.cof[-1]
+            x_m = min(first_m + (x_m - first_m) % (last_m - first_m), last_m)
         right = min(bisect_right(position_m, x_m), len(position_m) - 1)
         left = right - 1
         share = (x_m - position_m[left]) / (position_m[right] - position_m[left])
         return _between(self.cof[left], self.cof[right], share)
 
     def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-        return np.interp(x_m, self.position_m, self.cof, left=math.nan, right=math.nan)
+        if self.outside == "tile":
+            first_m, last_m = self.position_m[0], self.position_m[-1]
+            wrapped_m = np.minimum(first_m + np.mod(x_m - first_m, last_m - first_m), last_m)
+            x_m = np.where((x_m < first_m) | (x_m > last_m), wrapped_m, x_m)
+        beyond = math.nan if self.outside == "nothing" else None
+        return np.interp(x_m, self.position_m, self.cof, left=beyond, right=beyond)
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionMap(Texture):
     """A picture of friction, `cof[row, column]`: columns along +x, rows along +y, bilinear between pixel centres.
 
-    The map's corner lies at `origin_x_m, origin_y_m` and the first pixel's centre half a pitch inside it. The outer
-    half pixel holds the value of its edge; beyond the corners there is nothing, or with `tile` the map again.
+    The map's corner lies at 0, 0 and the first pixel's centre half a pitch inside it; `Placed` puts it elsewhere. The
+    outer half pixel holds the value of its edge.
     """
 
     cof: FloatArray
     pitch_x_m: float
     pitch_y_m: float
-    origin_x_m: float = 0.0
-    origin_y_m: float = 0.0
-    tile: bool = False
+    outside: Outside = "nothing"
 
     def __post_init__(self) -> None:
         """Keep a read-only copy; refuse an empty map, a pitch that is none and what is not a number."""
@@ -189,7 +213,6 @@ class FrictionMap(Texture):
         if not np.all(np.isfinite(cof)):
             raise BadInputError("bad_texture", "a map has a friction that is not finite", "give numbers only")
         _require_length(pitch_x_m=self.pitch_x_m, pitch_y_m=self.pitch_y_m)
-        _require_finite(origin_x_m=self.origin_x_m, origin_y_m=self.origin_y_m)
 
     def bounds(self) -> tuple[float, float]:
         """The lowest and the highest pixel."""
@@ -197,12 +220,12 @@ class FrictionMap(Texture):
 
     def _cof_at_point(self, x_m: float, y_m: float) -> float:
         rows, columns = self.cof.shape
-        u = (x_m - self.origin_x_m) / self.pitch_x_m
-        v = (y_m - self.origin_y_m) / self.pitch_y_m
-        if not self.tile and not (0.0 <= u <= columns and 0.0 <= v <= rows):
+        u, v = x_m / self.pitch_x_m, y_m / self.pitch_y_m
+        if self.outside == "nothing" and not (0.0 <= u <= columns and 0.0 <= v <= rows):
             return math.nan
-        left, right, share_x = _neighbours(u - 0.5, columns, self.tile)
-        low, high, share_y = _neighbours(v - 0.5, rows, self.tile)
+        tile = self.outside == "tile"
+        left, right, share_x = _neighbours(u - 0.5, columns, tile)
+        low, high, share_y = _neighbours(v - 0.5, rows, tile)
         pixel = self.cof.item
         return _between(
             _between(pixel(low, left), pixel(low, right), share_x),
@@ -212,17 +235,118 @@ class FrictionMap(Texture):
 
     def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
         rows, columns = self.cof.shape
-        u = (x_m - self.origin_x_m) / self.pitch_x_m
-        v = (y_m - self.origin_y_m) / self.pitch_y_m
-        left, right, share_x = _neighbours_of_all(u - 0.5, columns, self.tile)
-        low, high, share_y = _neighbours_of_all(v - 0.5, rows, self.tile)
+        u, v = x_m / self.pitch_x_m, y_m / self.pitch_y_m
+        tile = self.outside == "tile"
+        left, right, share_x = _neighbours_of_all(u - 0.5, columns, tile)
+        low, high, share_y = _neighbours_of_all(v - 0.5, rows, tile)
         at_low = self.cof[low, left] + share_x * (self.cof[low, right] - self.cof[low, left])
         at_high = self.cof[high, left] + share_x * (self.cof[high, right] - self.cof[high, left])
         cof: FloatArray = at_low + share_y * (at_high - at_low)
-        if self.tile:
+        if self.outside != "nothing":
             return cof
         inside = (u >= 0.0) & (u <= columns) & (v >= 0.0) & (v <= rows)
         return np.where(inside, cof, math.nan)
+
+
+@dataclass(frozen=True)
+class Placed(Texture):
+    """Another texture, its point 0, 0 moved to the origin given and turned about it (from +x towards +y)."""
+
+    texture: Texture
+    origin_x_m: float = 0.0
+    origin_y_m: float = 0.0
+    rotation_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is not a number."""
+        _require_finite(origin_x_m=self.origin_x_m, origin_y_m=self.origin_y_m, rotation_rad=self.rotation_rad)
+
+    def bounds(self) -> tuple[float, float]:
+        """Those of the texture that is placed."""
+        return self.texture.bounds()
+
+    def _cof_at_point(self, x_m: float, y_m: float) -> float:
+        x_m, y_m = x_m - self.origin_x_m, y_m - self.origin_y_m
+        c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
+        return self.texture._cof_at_point(c * x_m + s * y_m, c * y_m - s * x_m)
+
+    def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+        x_m, y_m = x_m - self.origin_x_m, y_m - self.origin_y_m
+        c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
+        return self.texture._cof_at_points(c * x_m + s * y_m, c * y_m - s * x_m)
+
+
+class Step(NamedTuple):
+    """From `time_s` of a script on: a texture, and how to get from it to the next step's. A label makes a marker."""
+
+    time_s: float
+    texture: Texture
+    interpolation: Interpolation = "hold"
+    label: str = ""
+
+
+class Marker(NamedTuple):
+    """A label of a script and when it is due, on the clock of the finger's samples."""
+
+    time_s: float
+    label: str
+
+
+@dataclass(frozen=True)
+class Script(Target):
+    """Textures by the clock, begun at `start_s`: at least two steps whose times increase strictly.
+
+    Before the first step and from the last one on nothing is asked for; the last is where the one before leads to.
+    Between two textures one fades into the other, position by position.
+    """
+
+    steps: tuple[Step, ...]
+    start_s: float = 0.0
+    _times_s: tuple[float, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Refuse steps out of order or not finite."""
+        object.__setattr__(self, "_times_s", tuple(step.time_s for step in self.steps))
+        _require_finite(start_s=self.start_s, **{f"time_s of step {i + 1}": t for i, t in enumerate(self._times_s)})
+        if len(self.steps) < 2 or not np.all(np.diff(self._times_s) > 0.0):
+            raise BadInputError(
+                "bad_script", "times of a script do not increase, or it has no two steps", "give two steps, in order"
+            )
+
+    def started(self, time_s: float) -> Script:
+        """The same script with its time 0 at `time_s` of the finger's clock."""
+        return replace(self, start_s=time_s)
+
+    @property
+    def end_s(self) -> float:
+        """When the script is over, on the finger's clock."""
+        return self.start_s + self._times_s[-1]
+
+    def bounds(self) -> tuple[float, float]:
+        """The lowest and the highest friction of all steps."""
+        lows, highs = zip(*(step.texture.bounds() for step in self.steps), strict=True)
+        return min(lows), max(highs)
+
+    def cof_under(self, finger: FingerState) -> float:
+        """Friction at the finger's time and position."""
+        time_s = finger.time_s - self.start_s
+        if not self._times_s[0] <= time_s < self._times_s[-1]:
+            return math.nan
+        index = bisect_right(self._times_s, time_s) - 1
+        step, following = self.steps[index], self.steps[index + 1]
+        cof = step.texture.cof_under(finger)
+        if step.interpolation == "hold":
+            return cof
+        share = (time_s - step.time_s) / (following.time_s - step.time_s)
+        if step.interpolation == "cosine":
+            share = 0.5 - 0.5 * math.cos(math.pi * share)
+        return _between(cof, following.texture.cof_under(finger), share)
+
+    def markers(self, after_s: float, until_s: float) -> tuple[Marker, ...]:
+        """The markers due after one tick's time and up to another's; at their own times, in order."""
+        first = bisect_right(self._times_s, after_s - self.start_s)
+        stop = bisect_right(self._times_s, until_s - self.start_s)
+        return tuple(Marker(self.start_s + s.time_s, s.label) for s in self.steps[first:stop] if s.label)
 
 
 def _between(first: float, second: float, share: float) -> float:

@@ -3,19 +3,31 @@
 from __future__ import annotations
 
 import difflib
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.render.texture import Interpolation, Outside
 
 LOWEST_COF = 0.01
 HIGHEST_COF = 5.0
+# The finest detail that reaches a finger: its distance per tick of 1 ms at 100 mm/s. The friction of skin itself
+# follows to 13.8 Hz per mm/s (arXiv 2505.11162), that is to 0.07 mm.
+FINEST_MM = 0.1
+SHORTEST_PERIOD_MM = 2.0 * FINEST_MM
+SAMPLES_PER_WAVE = 12  # straight lines between them miss a crest by 1 - cos(pi/12), 3.4 %
+LARGEST_NOISE_PIXELS = 2048  # along one side
 
 Cof = Annotated[float, Field(ge=LOWEST_COF, le=HIGHEST_COF, allow_inf_nan=False)]
 LengthMm = Annotated[float, Field(ge=0.001, le=10_000.0, allow_inf_nan=False)]
 OffsetMm = Annotated[float, Field(ge=-10_000.0, le=10_000.0, allow_inf_nan=False)]
+PeriodMm = Annotated[float, Field(ge=SHORTEST_PERIOD_MM, le=10_000.0, allow_inf_nan=False)]
+AmplitudeCof = Annotated[float, Field(ge=0.0, le=HIGHEST_COF, allow_inf_nan=False)]
+OriginMm = Annotated[list[OffsetMm], Field(min_length=2, max_length=2)]
+Seconds = Annotated[float, Field(ge=0.0, le=86_400.0, allow_inf_nan=False)]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
 
 
@@ -31,6 +43,8 @@ class _Description(BaseModel):
     # Strict: TOML has types of its own, so the text "0.6" where a number belongs is a mistake.
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
+    description: str = ""
+
 
 class UniformDescription(_Description):
     """The same friction everywhere."""
@@ -39,34 +53,94 @@ class UniformDescription(_Description):
     cof: Cof
 
 
+def _require_swing(mean_cof: float, amplitude_cof: float) -> None:
+    low, high = mean_cof - amplitude_cof, mean_cof + amplitude_cof
+    if low < LOWEST_COF or high > HIGHEST_COF:
+        raise ValueError(f"mean_cof and amplitude_cof reach {low:g} to {high:g}, outside {LOWEST_COF} to {HIGHEST_COF}")
+
+
 class GratingDescription(_Description):
-    """Mean friction plus a sine."""
+    """The middle of two frictions, plus or minus an amplitude, in waves.
+
+    `duty`: the share of a period in which a square wave is high, or a sawtooth rises.
+    """
 
     kind: Literal["grating"]
     mean_cof: Cof
-    amplitude_cof: Annotated[float, Field(ge=0.0, le=HIGHEST_COF, allow_inf_nan=False)]
-    period_mm: LengthMm
+    amplitude_cof: AmplitudeCof
+    period_mm: PeriodMm
+    wave: Literal["sine", "square", "sawtooth"] = "sine"
+    duty: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] | None = None
     direction_deg: Degrees = 0.0
     phase_deg: Degrees = 0.0
 
     @model_validator(mode="after")
-    def _stays_in_range(self) -> Self:
-        low, high = self.mean_cof - self.amplitude_cof, self.mean_cof + self.amplitude_cof
-        if low < LOWEST_COF or high > HIGHEST_COF:
+    def _makes_sense(self) -> Self:
+        _require_swing(self.mean_cof, self.amplitude_cof)
+        if self.wave == "sine" and self.duty is not None:
+            raise ValueError('key \'duty\' belongs to wave = "square" or "sawtooth", not to a sine')
+        shorter_mm = self.period_mm * min(self.share(), 1.0 - self.share())
+        if self.wave == "square" and shorter_mm < SHORTEST_PERIOD_MM:
             raise ValueError(
-                f"mean_cof and amplitude_cof reach {low:g} to {high:g}, outside {LOWEST_COF} to {HIGHEST_COF}"
+                f"keys 'duty' and 'period_mm' make a part of {shorter_mm:g} mm, less than {SHORTEST_PERIOD_MM:g} mm"
             )
         return self
 
+    def share(self) -> float:
+        """`duty`, or what it is where nobody says: half a period high, a whole period rising."""
+        return self.duty if self.duty is not None else {"sine": 0.5, "square": 0.5, "sawtooth": 1.0}[self.wave]
 
-class ProfileDescription(_Description):
-    """Points along x, in a CSV file with columns position_m and cof."""
+
+class NoiseDescription(_Description):
+    """Waves of every direction and of lengths between two limits, with random phases; a tile that has no seam.
+
+    `stretch`: how much longer everything is along y than along x.
+    """
+
+    kind: Literal["noise"]
+    mean_cof: Cof
+    amplitude_cof: AmplitudeCof
+    shortest_mm: PeriodMm
+    longest_mm: PeriodMm
+    tile_mm: PeriodMm = 32.0
+    stretch: Annotated[float, Field(ge=1.0, le=100.0, allow_inf_nan=False)] = 1.0
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
+    rotation_deg: Degrees = 0.0
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> Self:
+        _require_swing(self.mean_cof, self.amplitude_cof)
+        if not self.shortest_mm < self.longest_mm <= self.tile_mm / 2.0:
+            raise ValueError(
+                f"shortest_mm {self.shortest_mm:g}, longest_mm {self.longest_mm:g} and half of tile_mm "
+                f"{self.tile_mm:g} do not increase in that order"
+            )
+        if self.pixels() > LARGEST_NOISE_PIXELS:
+            most_mm = LARGEST_NOISE_PIXELS * self.shortest_mm / SAMPLES_PER_WAVE
+            raise ValueError(f"key 'tile_mm': at most {most_mm:.4g} for a shortest_mm of {self.shortest_mm:g}")
+        return self
+
+    def pixels(self) -> int:
+        """Pixels along each side of the tile."""
+        return math.ceil(SAMPLES_PER_WAVE * self.tile_mm / self.shortest_mm)
+
+
+class _Located(_Description):
+    """Where a texture's point 0, 0 lies, and what is beyond its ends."""
+
+    file: FileName
+    origin_mm: OriginMm = [0.0, 0.0]
+    outside: Outside = "nothing"
+
+
+class ProfileDescription(_Located):
+    """Points along a direction, in a CSV file with columns position_mm (or position_m) and cof."""
 
     kind: Literal["profile"]
-    file: FileName
+    direction_deg: Degrees = 0.0
 
 
-class MapDescription(_Description):
+class MapDescription(_Located):
     """A picture of friction.
 
     `pitch_mm` is one number, or one each for x and y. With `cof_black` and `cof_white` the file holds 0 to 1 of full
@@ -74,12 +148,10 @@ class MapDescription(_Description):
     """
 
     kind: Literal["map"]
-    file: FileName
     pitch_mm: PitchMm
     cof_black: Cof | None = None
     cof_white: Cof | None = None
-    origin_mm: Annotated[list[OffsetMm], Field(min_length=2, max_length=2)] = [0.0, 0.0]
-    tile: bool = False
+    rotation_deg: Degrees = 0.0
 
     @model_validator(mode="after")
     def _scale_is_whole(self) -> Self:
@@ -99,14 +171,61 @@ class MapDescription(_Description):
         return x_mm * 1e-3, y_mm * 1e-3
 
 
-Description = UniformDescription | GratingDescription | ProfileDescription | MapDescription
+class HjifDescription(_Located):
+    """The friction of an MPEG .hjif file; `cof_low` and `cof_high` are what its amplitudes 0 and 1 mean."""
+
+    kind: Literal["hjif"]
+    cof_low: Cof
+    cof_high: Cof
+    direction_deg: Degrees = 0.0
+
+
+class StepDescription(_Description):
+    """One step of a script: a friction or the name of a texture, from a time on."""
+
+    time_s: Seconds
+    cof: Cof | None = None
+    texture: FileName | None = None
+    interpolation: Interpolation | None = None
+    label: Annotated[str, Field(max_length=200)] = ""
+
+    @model_validator(mode="after")
+    def _has_one_target(self) -> Self:
+        if (self.cof is None) == (self.texture is None):
+            raise ValueError("a step has either a cof or a texture")
+        return self
+
+
+class ScriptDescription(_Description):
+    """Steps by the clock, here or in a CSV file; `interpolation` is for steps that do not say."""
+
+    kind: Literal["script"]
+    file: FileName | None = None
+    step: Annotated[list[StepDescription], Field(min_length=2)] | None = None
+    interpolation: Interpolation = "hold"
+
+    @model_validator(mode="after")
+    def _has_one_source(self) -> Self:
+        if (self.file is None) == (self.step is None):
+            raise ValueError("a script has either the key 'file' or tables [[step]]")
+        return self
+
+
+TextureDescription = (
+    UniformDescription | GratingDescription | NoiseDescription | ProfileDescription | MapDescription | HjifDescription
+)
+Description = TextureDescription | ScriptDescription
 
 _KINDS: dict[str, type[_Description]] = {
     "uniform": UniformDescription,
     "grating": GratingDescription,
+    "noise": NoiseDescription,
     "profile": ProfileDescription,
     "map": MapDescription,
+    "hjif": HjifDescription,
+    "script": ScriptDescription,
 }
+SCRIPT_HINT = "columns: time_s (rising), cof or texture, and optional label and interpolation (hold, linear, cosine)"
 _ADAPTER: TypeAdapter[Description] = TypeAdapter(Annotated[Description, Field(discriminator="kind")])
 
 
@@ -120,8 +239,20 @@ def parse(content: dict[str, Any], path: Path) -> Description:
         raise BadInputError("bad_texture", f"{path}: {'; '.join(problems)}", _hint(faults, content)) from None
 
 
+def parse_step(content: dict[str, Any], where: str) -> StepDescription:
+    """One step of a script from a file's line, which `where` names in the error."""
+    try:
+        return StepDescription.model_validate(content)
+    except ValidationError as error:
+        faults = [{**fault, "loc": ("script", *fault["loc"])} for fault in error.errors()]
+        problems = list(dict.fromkeys(_problem(fault) for fault in faults))
+        raise BadInputError("bad_script", f"{where}: {'; '.join(problems)}", SCRIPT_HINT) from None
+
+
 def _problem(fault: Any) -> str:
-    key = ".".join(str(part) for part in fault["loc"][1:2])  # after the kind; what follows is pydantic's own
+    keys = fault["loc"][1:]  # after the kind
+    # What follows a key is pydantic's own, but for the steps of a script.
+    key = ".".join(str(part) for part in keys[: 3 if keys[:1] == ("step",) else 1])
     if fault["type"] == "union_tag_not_found":
         return "key 'kind' is missing"
     if fault["type"] == "union_tag_invalid":

@@ -171,37 +171,49 @@ def _require_map_size(path: Path, rows: int, columns: int) -> None:
 
 
 def read_profile(path: Path) -> tuple[list[float], list[float]]:
-    """Positions and frictions of a CSV file with columns position_m and cof; further columns are ignored."""
-    lines = _csv_lines(path)
-    header = [name.strip() for name in lines[0][1]] if lines else []
-    for name in ("position_m", "cof"):
+    """Positions in metres and frictions of a CSV file with columns position_mm or position_m, and cof."""
+    header, lines = read_table(path)
+    in_mm = "position_mm" in header and "position_m" not in header
+    position, metres = ("position_mm", 1e-3) if in_mm else ("position_m", 1.0)
+    for name in (position, "cof"):
         if name not in header:
             raise BadInputError(
                 "bad_profile",
                 f"{path} has no column '{name}' (its first line: {','.join(header)[:60] or 'none'})",
-                "begin with the line: position_m,cof",
+                "begin with the line: position_mm,cof",
             )
-    position_column, cof_column = header.index("position_m"), header.index("cof")
-    positions_m: list[float] = []
+    positions: list[float] = []
     cofs: list[float] = []
-    for line, cells in lines[1:]:
-        if len(cells) != len(header):
-            raise _bad_profile(path, line, f"{len(cells)} values", f"give {len(header)}, as the first line says")
-        position_m = _number(path, line, cells[position_column], "profile")
-        cof = _number(path, line, cells[cof_column], "profile")
-        if not math.isfinite(position_m) or (positions_m and position_m <= positions_m[-1]):
-            raise _bad_profile(path, line, f"position_m {position_m:g}", "positions increase from line to line, in m")
+    for line, cells in lines:
+        along = _number(path, line, cells[position], "profile")
+        cof = _number(path, line, cells["cof"], "profile")
+        if not math.isfinite(along) or (positions and along <= positions[-1]):
+            raise _bad_profile(path, line, f"{position} {along:g}", "positions increase from line to line")
         if not LOWEST_COF <= cof <= HIGHEST_COF:
             raise _bad_profile(path, line, f"cof {cof:g}", f"cof lies in {LOWEST_COF} to {HIGHEST_COF}")
-        positions_m.append(position_m)
+        positions.append(along)
         cofs.append(cof)
     if len(cofs) < 2:
         raise BadInputError("bad_profile", f"{path} has {len(cofs)} points", "give at least two")
-    return positions_m, cofs
+    return [along * metres for along in positions], cofs
 
 
 def _bad_profile(path: Path, line: int, problem: str, hint: str) -> BadInputError:
     return BadInputError("bad_profile", f"{path} line {line}: {problem}", hint)
+
+
+def read_table(path: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
+    """The names in the first line of a CSV file, and line number and cells by name of every line after it."""
+    lines = _csv_lines(path)
+    header = [name.strip() for name in lines[0][1]] if lines else []
+    for line, cells in lines[1:]:
+        if len(cells) != len(header):
+            raise BadInputError(
+                "bad_table",
+                f"{path} line {line}: {len(cells)} values",
+                f"give {len(header)}, as the first line says",
+            )
+    return header, [(line, dict(zip(header, map(str.strip, cells), strict=True))) for line, cells in lines[1:]]
 
 
 def _csv_lines(path: Path) -> list[tuple[int, list[str]]]:

@@ -1,4 +1,4 @@
-"""Textures by name or by file."""
+"""Textures and scripts by name or by file."""
 
 from __future__ import annotations
 
@@ -6,19 +6,34 @@ import math
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.render.texture import FrictionMap, Grating, Profile, Texture, Uniform
-from haptic_driver.textures import description, files
+from haptic_driver.render.texture import FrictionMap, Placed, Profile, Target, Texture, Uniform
+from haptic_driver.textures import description, files, formulas, hjif, script
 from haptic_driver.textures.description import nearest
 
-NEEDS_SCALE = (".png", ".npy")
-EXAMPLE = """\
+MAP_EXAMPLE = """\
 kind = "map"
 file = "{file}"
 cof_black = 0.55
 cof_white = 0.70
 pitch_mm = 0.25"""
+HJIF_EXAMPLE = """\
+kind = "hjif"
+file = "{file}"
+cof_low = 0.55
+cof_high = 0.70"""
+EXAMPLES = {".png": MAP_EXAMPLE, ".npy": MAP_EXAMPLE, ".hjif": HJIF_EXAMPLE}
+
+
+class Loaded(NamedTuple):
+    """What a name or a file stands for. `path` is the file that says so, `kind` and `description` as it says."""
+
+    target: Target
+    kind: str
+    description: str
+    path: Path
 
 
 def texture_names(search: Sequence[Path]) -> list[str]:
@@ -31,64 +46,122 @@ def load_texture(name_or_path: str, search: Sequence[Path]) -> Texture:
 
     A .csv file is a profile along x. The files that a .toml file names lie relative to it.
     """
+    loaded = load(name_or_path, search)
+    if isinstance(loaded.target, Texture):
+        return loaded.target
+    raise BadInputError(
+        "not_a_texture",
+        f"{loaded.path} is a timed script, not a texture",
+        "a script runs by the clock: play it on a daemon, or give one of the textures in it",
+    )
+
+
+def load(name_or_path: str, search: Sequence[Path]) -> Loaded:
+    """A texture or a script; names and paths as of `load_texture`. A .csv file with a column time_s is a script."""
+    return _load(name_or_path, search, in_script=False)
+
+
+def _load(name_or_path: str, search: Sequence[Path], in_script: bool) -> Loaded:
+    """What `load` does; `in_script` refuses a script before it is read, so that scripts in a circle end."""
     path = Path(name_or_path)
     if len(path.parts) == 1:
         for folder in search:
             described = folder / f"{name_or_path}.toml"
             if described.is_file():
-                return _load_toml(described)
+                return _load_toml(described, search, in_script)
     if path.suffix or len(path.parts) > 1:
-        return _load_file(path, search)
+        return _load_file(path, search, in_script)
     raise _unknown(name_or_path, search)
 
 
-def _load_file(path: Path, search: Sequence[Path]) -> Texture:
+def _load_file(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
     suffix = path.suffix.lower()
     if not path.is_file() and suffix in (".toml", ".csv", ""):
         raise BadInputError("file_not_found", f"texture file {path} does not exist", _named_hint(path.stem, search))
     if suffix == ".toml":
-        return _load_toml(path)
+        return _load_toml(path, search, in_script)
     if suffix == ".csv":
-        return Profile(*files.read_profile(path))
-    if suffix in NEEDS_SCALE:
+        if script.is_script(path):
+            if in_script:
+                raise _nested(path)
+            return Loaded(script.read(path, lambda name: _step_texture(name, path, search)), "script", "", path)
+        return Loaded(Profile(*files.read_profile(path)), "profile", "", path)
+    if suffix == ".hmpg":
+        hjif.read(path)  # refuses it
+    if suffix in EXAMPLES:
         raise BadInputError(
             "texture_needs_scale",
-            f"{path} alone does not say which friction and which size it means",
-            f"write a .toml file beside it and give that instead:\n{EXAMPLE.format(file=path.name)}",
+            f"{path} alone does not say which friction{' and which size' if suffix != '.hjif' else ''} it means",
+            f"write a .toml file beside it and give that instead:\n{EXAMPLES[suffix].format(file=path.name)}",
         )
     raise BadInputError(
         "bad_texture", f"{path} is not a texture file", f"give a .toml or .csv file; {_named_hint(path.stem, search)}"
     )
 
 
-def _load_toml(path: Path) -> Texture:
+def _load_toml(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
     try:
         content = tomllib.loads(files.read_text(path))
     except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
         raise BadInputError("bad_texture", f"{path} is not TOML: {error}", "write lines such as: cof = 0.60") from None
     described = description.parse(content, path)
+    if in_script and isinstance(described, description.ScriptDescription):
+        raise _nested(path)
     try:
-        return _build(described, path.parent)
+        target = _build(described, path, search)
     except BadInputError as error:
-        raise BadInputError(error.code, f"{path}: key 'file': {error.message}", error.hint) from None
+        at_fault = f"{path}: key 'file': " if getattr(described, "file", None) is not None else ""
+        raise BadInputError(error.code, f"{at_fault}{error.message}", error.hint) from None
+    return Loaded(target, described.kind, described.description, path)
 
 
-def _build(described: description.Description, folder: Path) -> Texture:
+def _build(described: description.Description, path: Path, search: Sequence[Path]) -> Target:
+    if isinstance(described, description.ScriptDescription):
+        return script.build(described, path, lambda name: _step_texture(name, path, search))
+    return _build_texture(described, path.parent)
+
+
+def _build_texture(described: description.TextureDescription, folder: Path) -> Texture:
     match described:
         case description.UniformDescription():
             return Uniform(described.cof)
         case description.GratingDescription():
-            return Grating(
-                described.mean_cof,
-                described.amplitude_cof,
-                described.period_mm * 1e-3,
-                math.radians(described.direction_deg),
-                math.radians(described.phase_deg),
-            )
+            return formulas.grating(described)
+        case description.NoiseDescription():
+            pitch_m = described.tile_mm * 1e-3 / described.pixels()
+            tile = FrictionMap(formulas.noise(described), pitch_m, described.stretch * pitch_m, "tile")
+            return _placed(tile, [0.0, 0.0], described.rotation_deg)
         case description.ProfileDescription():
-            return Profile(*files.read_profile(folder / described.file))
+            profile = Profile(*files.read_profile(folder / described.file), described.outside)
+            return _placed(profile, described.origin_mm, described.direction_deg)
         case description.MapDescription():
-            return _build_map(described, folder / described.file)
+            return _placed(_build_map(described, folder / described.file), described.origin_mm, described.rotation_deg)
+        case description.HjifDescription():
+            position_m, amplitude = hjif.read(folder / described.file)
+            cof = described.cof_low + (described.cof_high - described.cof_low) * amplitude
+            curve = Profile(position_m.tolist(), cof.tolist(), described.outside)
+            return _placed(curve, described.origin_mm, described.direction_deg)
+
+
+def _step_texture(name: str, script_path: Path, search: Sequence[Path]) -> Texture:
+    """A texture named in a script: a file beside it, or a name beside it or in the folders searched."""
+    beside = script_path.parent / name
+    if beside.suffix and beside.is_file():
+        name = str(beside)
+    target = _load(name, [script_path.parent, *search], in_script=True).target
+    assert isinstance(target, Texture)
+    return target
+
+
+def _nested(path: Path) -> BadInputError:
+    return BadInputError("bad_script", f"{path} is a script itself", "a step of a script is a cof or a texture")
+
+
+def _placed(texture: Texture, origin_mm: list[float], rotation_deg: float) -> Texture:
+    if not any(origin_mm) and rotation_deg == 0.0:
+        return texture
+    origin_x_m, origin_y_m = (offset_mm * 1e-3 for offset_mm in origin_mm)
+    return Placed(texture, origin_x_m, origin_y_m, math.radians(rotation_deg))
 
 
 def _build_map(described: description.MapDescription, path: Path) -> FrictionMap:
@@ -106,9 +179,7 @@ def _build_map(described: description.MapDescription, path: Path) -> FrictionMap
         files.require_shares(path, values)
         black, white = scale
         values = black * (1.0 - values) + white * values
-    pitch_x_m, pitch_y_m = described.pitch_m()
-    origin_x_m, origin_y_m = (offset_mm * 1e-3 for offset_mm in described.origin_mm)
-    return FrictionMap(values, pitch_x_m, pitch_y_m, origin_x_m, origin_y_m, described.tile)
+    return FrictionMap(*formulas.averaged(values, *described.pitch_m()), described.outside)
 
 
 def _unknown(name: str, search: Sequence[Path]) -> BadInputError:

@@ -1,5 +1,6 @@
 """Texture stage: values worked out by hand, scalar against array, bounds, tiling, interpolation."""
 
+import itertools
 import math
 
 import numpy as np
@@ -8,36 +9,55 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.render.texture import FrictionMap, Grating, Profile, Uniform, target
+from haptic_driver.render.texture import (
+    FrictionMap,
+    Grating,
+    Marker,
+    Placed,
+    Profile,
+    Script,
+    Step,
+    Uniform,
+    target,
+)
 from haptic_driver.signals import FingerState, TargetFriction
 
 # Bilinear and linear interpolation round a few times at values below 5: a few 1e-16, with room.
 ROUNDING = 1e-12
+# Arrays and single positions may round a tile's share differently: 1e-13 m of 1000 over 1e-4 m, times a step of 5.
+TILED = 1e-8
 
 cofs = st.floats(0.01, 5.0)
 positions = st.floats(-0.3, 0.3)
 lengths = st.floats(1e-4, 0.05)
-either = st.booleans()
+ends = st.sampled_from(["nothing", "clamp", "tile"])
 
 
 @st.composite
-def maps(draw, tile=either):
+def maps(draw, outside=ends):
     rows, columns = draw(st.integers(1, 6)), draw(st.integers(1, 6))
     values = draw(st.lists(cofs, min_size=rows * columns, max_size=rows * columns))
-    return FrictionMap(
-        np.reshape(values, (rows, columns)), draw(lengths), draw(lengths), draw(positions), draw(positions), draw(tile)
-    )
+    return FrictionMap(np.reshape(values, (rows, columns)), draw(lengths), draw(lengths), draw(outside))
 
 
 @st.composite
 def profiles(draw):
     steps = draw(st.lists(st.floats(1e-4, 0.05), min_size=2, max_size=8))
     values = draw(st.lists(cofs, min_size=len(steps), max_size=len(steps)))
-    return Profile(draw(positions) + np.cumsum(steps), values)
+    return Profile(draw(positions) + np.cumsum(steps), values, draw(ends))
 
 
 gratings = st.builds(Grating, cofs, st.floats(0.0, 0.5), lengths, st.floats(-7, 7), st.floats(-7, 7))
-textures = st.one_of(st.builds(Uniform, cofs), gratings, profiles(), maps())
+unplaced = st.one_of(st.builds(Uniform, cofs), gratings, profiles(), maps())
+textures = st.one_of(unplaced, st.builds(Placed, unplaced, positions, positions, st.floats(-7, 7)))
+
+
+@st.composite
+def scripts(draw):
+    times_s = np.cumsum(draw(st.lists(st.floats(1e-3, 5.0), min_size=2, max_size=5))).tolist()
+    ways = st.sampled_from(["hold", "linear", "cosine"])
+    steps = tuple(Step(t, draw(textures), draw(ways), draw(st.sampled_from(["", "a", "b"]))) for t in times_s)
+    return Script(steps, draw(st.floats(-10, 10)))
 
 
 @given(textures, positions, positions)
@@ -47,13 +67,31 @@ def test_friction_lies_within_bounds(texture, x_m, y_m):
     assert math.isnan(cof) or low - ROUNDING <= cof <= high + ROUNDING
 
 
+@given(st.one_of(textures, scripts()), st.floats(), st.floats(), st.floats(), st.booleans())
+def test_every_target_is_finite_and_within_bounds_or_none_wherever_and_whenever(asked, time_s, x_m, y_m, in_contact):
+    low, high = asked.bounds()
+    answer = target(asked, FingerState(time_s, x_m, y_m, 0.0, 0.0, 0.5, in_contact))
+    if answer.active:
+        assert in_contact
+        assert low - ROUNDING <= answer.cof <= high + ROUNDING
+    else:
+        assert math.isnan(answer.cof)
+
+
+@given(textures.filter(lambda texture: not isinstance(texture, Uniform)), positions, positions)
+def test_clamped_and_tiled_textures_ask_for_something_everywhere(texture, x_m, y_m):
+    innermost = texture.texture if isinstance(texture, Placed) else texture
+    if getattr(innermost, "outside", "tile") != "nothing":
+        assert math.isfinite(texture.cof_at(x_m, y_m))
+
+
 @given(textures, st.lists(st.tuples(st.floats(), st.floats()) | st.tuples(positions, positions), max_size=20))
 def test_arrays_give_what_single_positions_give(texture, points):
     x_m, y_m = np.array(points, dtype=float).reshape(-1, 2).T
     together = texture.cof_at(x_m, y_m)
     one_by_one = [texture.cof_at(x, y) for x, y in points]
     assert together.shape == x_m.shape
-    np.testing.assert_allclose(together, np.array(one_by_one, dtype=float), rtol=0, atol=ROUNDING, equal_nan=True)
+    np.testing.assert_allclose(together, np.array(one_by_one, dtype=float), rtol=0, atol=TILED, equal_nan=True)
 
 
 def test_array_positions_broadcast_and_may_be_numpy_scalars():
@@ -71,7 +109,7 @@ def test_uniform_is_the_same_everywhere():
 
 @pytest.mark.parametrize("nowhere", [math.nan, math.inf, -math.inf, 1e300])
 def test_no_texture_asks_for_anything_off_every_screen(nowhere):
-    tiled = FrictionMap(np.full((2, 2), 0.6), 1e-3, 1e-3, tile=True)
+    tiled = FrictionMap(np.full((2, 2), 0.6), 1e-3, 1e-3, outside="tile")
     for texture in (Uniform(0.6), Grating(0.6, 0.1, 0.01), Profile([0, 1], [0.5, 0.6]), tiled):
         assert math.isnan(texture.cof_at(nowhere, 0.0))
         assert math.isnan(texture.cof_at(0.0, nowhere))
@@ -112,8 +150,28 @@ def test_profile_is_linear_between_its_points_and_nothing_outside():
     assert profile.bounds() == (0.5, 0.7)
 
 
+def test_profile_clamped_and_tiled_beyond_its_ends():
+    x_m = [-0.015, -0.005, 0.035, 0.055]
+    clamped = Profile([0.0, 0.01, 0.03], [0.5, 0.7, 0.6], "clamp")
+    assert [clamped.cof_at(x, 0.0) for x in x_m] == pytest.approx([0.5, 0.5, 0.6, 0.6])
+    # 30 mm on is the same again: -15 is +15, -5 is +25, 35 is 5, 55 is 25
+    tiled = Profile([0.0, 0.01, 0.03], [0.5, 0.7, 0.6], "tile")
+    expected = [0.675, 0.625, 0.6, 0.625]
+    assert [tiled.cof_at(x, 0.0) for x in x_m] == pytest.approx(expected)
+    np.testing.assert_allclose(tiled.cof_at(np.array(x_m), np.zeros(4)), expected, atol=ROUNDING)
+
+
+def test_placed_moves_first_and_turns_about_the_new_origin():
+    # A quarter turn towards +y: what lay along +x of the texture lies along +y of the screen.
+    placed = Placed(Profile([0.0, 0.01], [0.5, 0.7]), 0.1, 0.2, math.pi / 2)
+    assert placed.cof_at(0.1, 0.205) == pytest.approx(0.6)
+    assert placed.cof_at(0.9, 0.2075) == pytest.approx(0.65)
+    assert math.isnan(placed.cof_at(0.1, 0.211))
+    assert placed.bounds() == (0.5, 0.7)
+
+
 def test_map_puts_rows_along_y_and_columns_along_x():
-    picture = FrictionMap(np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]), pitch_x_m=0.01, pitch_y_m=0.02, origin_x_m=0.1)
+    picture = Placed(FrictionMap(np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]), pitch_x_m=0.01, pitch_y_m=0.02), 0.1)
     assert picture.cof_at(0.105, 0.01) == pytest.approx(0.1)  # centre of the first pixel
     assert picture.cof_at(0.125, 0.01) == pytest.approx(0.3)
     assert picture.cof_at(0.105, 0.03) == pytest.approx(0.4)
@@ -123,20 +181,28 @@ def test_map_puts_rows_along_y_and_columns_along_x():
 
 
 @pytest.mark.parametrize(("x_m", "y_m"), [(-1e-6, 0.01), (0.030001, 0.01), (0.01, -1e-6), (0.01, 0.040001)])
-def test_map_ends_at_its_corners_unless_tiled(x_m, y_m):
+def test_map_ends_at_its_corners_unless_tiled_or_clamped(x_m, y_m):
     picture = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
     assert math.isnan(FrictionMap(picture, 0.01, 0.02).cof_at(x_m, y_m))
-    assert not math.isnan(FrictionMap(picture, 0.01, 0.02, tile=True).cof_at(x_m, y_m))
+    assert not math.isnan(FrictionMap(picture, 0.01, 0.02, "tile").cof_at(x_m, y_m))
+    assert not math.isnan(FrictionMap(picture, 0.01, 0.02, "clamp").cof_at(x_m, y_m))
+
+
+def test_clamped_map_holds_its_nearest_edge():
+    picture = FrictionMap(np.array([[0.1, 0.2], [0.3, 0.4]]), 0.01, 0.01, "clamp")
+    corners = [picture.cof_at(x, y) for x, y in [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)]]
+    assert corners == pytest.approx([0.1, 0.2, 0.3, 0.4])
+    assert picture.cof_at(0.01, 9.0) == pytest.approx(0.35)  # halfway between the pixels of the last row
 
 
 def test_tiled_map_interpolates_across_its_seam():
-    picture = FrictionMap(np.array([[0.2, 0.3, 0.6]]), 0.01, 0.01, tile=True)
+    picture = FrictionMap(np.array([[0.2, 0.3, 0.6]]), 0.01, 0.01, "tile")
     assert picture.cof_at(0.0, 0.005) == pytest.approx(0.4)  # halfway from the last pixel to the first
     assert picture.cof_at(0.03, 0.005) == pytest.approx(0.4)
     assert picture.cof_at(-0.005, 0.005) == pytest.approx(0.6)
 
 
-@given(maps(tile=st.just(True)), positions, positions, st.integers(-5, 5), st.integers(-5, 5))
+@given(maps(outside=st.just("tile")), positions, positions, st.integers(-5, 5), st.integers(-5, 5))
 def test_tiled_map_is_periodic(picture, x_m, y_m, tiles_x, tiles_y):
     rows, columns = picture.cof.shape
     shifted = picture.cof_at(x_m + tiles_x * columns * picture.pitch_x_m, y_m + tiles_y * rows * picture.pitch_y_m)
@@ -160,7 +226,7 @@ def test_interpolation_is_exact_on_a_plane(*, slope_x, slope_y, rows, columns, s
     plane = 2.0 + slope_x * centres_x_m[None, :] + slope_y * centres_y_m[:, None]
     x_m = centres_x_m[0] + share_x * (centres_x_m[-1] - centres_x_m[0])
     y_m = centres_y_m[0] + share_y * (centres_y_m[-1] - centres_y_m[0])
-    picture = FrictionMap(plane, pitch_x_m, pitch_y_m, *corner)
+    picture = Placed(FrictionMap(plane, pitch_x_m, pitch_y_m), *corner)
     assert picture.cof_at(float(x_m), float(y_m)) == pytest.approx(2.0 + slope_x * x_m + slope_y * y_m, abs=1e-11)
 
 
@@ -191,7 +257,8 @@ def test_map_keeps_a_copy_that_nobody_can_change():
         lambda: FrictionMap(np.full((2, 2), math.nan), 1e-3, 1e-3),
         lambda: FrictionMap(np.ones((2, 2)), 0.0, 1e-3),
         lambda: FrictionMap(np.ones((2, 2)), 1e-3, -1e-3),
-        lambda: FrictionMap(np.ones((2, 2)), 1e-3, 1e-3, origin_x_m=math.nan),
+        lambda: Placed(Uniform(0.6), math.nan),
+        lambda: Placed(Uniform(0.6), 0.0, 0.0, math.inf),
     ],
 )
 def test_textures_without_meaning_are_refused(make):
@@ -201,8 +268,8 @@ def test_textures_without_meaning_are_refused(make):
     assert caught.value.hint
 
 
-def finger(x_m, in_contact=True):
-    return FingerState(0.0, x_m, 0.0, 0.0, 0.0, 0.5, in_contact)
+def finger(x_m, in_contact=True, time_s=0.0):
+    return FingerState(time_s, x_m, 0.0, 0.0, 0.0, 0.5, in_contact)
 
 
 def test_target_is_the_friction_under_the_finger():
@@ -214,3 +281,71 @@ def test_target_is_inactive_without_contact_and_off_the_texture(nothing_here):
     answer = target(Profile([0.0, 0.1], [0.5, 0.7]), nothing_here)
     assert answer.active is False
     assert math.isnan(answer.cof)
+
+
+STEPS = (
+    Step(1.0, Uniform(0.5), "hold", "go"),
+    Step(2.0, Uniform(0.6), "linear"),
+    Step(4.0, Uniform(0.8), "cosine", "top"),
+    Step(5.0, Uniform(0.6), "hold", "end"),
+)
+
+
+@pytest.mark.parametrize(
+    ("time_s", "cof"),
+    [
+        (0.999, None),
+        (1.0, 0.5),
+        (1.999, 0.5),
+        (2.0, 0.6),
+        (2.5, 0.65),
+        (3.0, 0.7),
+        (4.0, 0.8),
+        (4.25, 0.7 + 0.1 * math.sqrt(0.5)),  # cosine from 0.8 to 0.6 about 0.7
+        (4.5, 0.7),
+        (4.999999, 0.6),
+        (5.0, None),
+        (1e9, None),
+        (math.nan, None),
+    ],
+)
+@pytest.mark.parametrize("start_s", [0.0, 1000.0])
+def test_script_holds_and_fades_by_the_clock(time_s, cof, start_s):
+    answer = target(Script(STEPS).started(start_s), finger(0.0, time_s=start_s + time_s))
+    assert answer.active is (cof is not None)
+    if cof is not None:
+        assert answer.cof == pytest.approx(cof, abs=1e-9)
+
+
+def test_script_fades_between_textures_under_the_finger():
+    ramp = Profile([0.0, 0.1], [0.5, 0.7])
+    script = Script((Step(0.0, ramp, "linear"), Step(1.0, Uniform(0.8)), Step(2.0, ramp)))
+    assert target(script, finger(0.05, time_s=0.5)).cof == pytest.approx(0.7)  # between 0.6 and 0.8
+    assert target(script, finger(0.1, time_s=0.5)).cof == pytest.approx(0.75)
+    assert not target(script, finger(0.2, time_s=0.5)).active  # half of a texture that is not there
+    assert target(script, finger(0.2, time_s=1.5)).cof == pytest.approx(0.8)
+    assert script.bounds() == (0.5, 0.8)
+
+
+def test_script_gives_every_marker_once_at_its_own_time():
+    script = Script(STEPS).started(100.0)
+    assert script.end_s == 105.0
+    assert script.markers(-math.inf, 105.0) == (Marker(101.0, "go"), Marker(104.0, "top"), Marker(105.0, "end"))
+    assert script.markers(101.0, 104.0) == (Marker(104.0, "top"),)
+    assert script.markers(100.9, 100.999) == ()
+
+
+@given(scripts(), st.lists(st.floats(-20, 40), min_size=2, max_size=10).map(sorted))
+def test_markers_of_successive_ticks_are_those_of_the_whole(script, ticks_s):
+    piecewise = [m for a, b in itertools.pairwise(ticks_s) for m in script.markers(a, b)]
+    assert tuple(piecewise) == script.markers(ticks_s[0], ticks_s[-1])
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [(), STEPS[:1], STEPS[::-1], (STEPS[0], STEPS[0]), (Step(math.nan, Uniform(0.6)), STEPS[0])],
+)
+def test_scripts_without_meaning_are_refused(steps):
+    with pytest.raises(BadInputError) as caught:
+        Script(steps)
+    assert caught.value.hint

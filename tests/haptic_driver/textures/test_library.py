@@ -12,11 +12,15 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.render.texture import FrictionMap, Grating, Profile, Uniform
-from haptic_driver.textures.library import load_texture, texture_names
+from haptic_driver.render.texture import FrictionMap, Grating, Placed, Profile, Uniform
+from haptic_driver.textures.library import load, load_texture, texture_names
 
+TEN = [
+    "braille", "brushed_metal", "fine_grating", "grating", "linen", "ramp", "ratchet", "ridges", "sandpaper", "uniform",
+]  # fmt: skip
 SHIPPED = [Path(__file__).parents[3] / "configs" / "textures"]
 MAP = 'kind = "map"\nfile = "{}"\npitch_mm = 2.0\n'
+NOISE = 'kind = "noise"\nmean_cof = 0.6\namplitude_cof = 0.1\n'
 SCALE = "cof_black = 0.5\ncof_white = 0.7\n"
 
 
@@ -25,20 +29,20 @@ def folder(tmp_path):
     return tmp_path
 
 
-def load(folder, text, name="texture.toml"):
+def write(folder, text, name="texture.toml"):
     (folder / name).write_text(text)
     return load_texture(str(folder / name), SHIPPED)
 
 
 def refused(folder, text, name="texture.toml"):
     with pytest.raises(BadInputError) as caught:
-        load(folder, text, name)
+        write(folder, text, name)
     assert str(folder / name) in caught.value.message
     return caught.value
 
 
 def map_of(folder, name, more=SCALE):
-    return load(folder, MAP.format(name) + more)
+    return write(folder, MAP.format(name) + more)
 
 
 def map_refused(folder, name, more=SCALE):
@@ -59,7 +63,7 @@ def png(path, width, height, *, bits, colour_type, chunks=()):
 
 class TestShipped:
     def test_names(self):
-        assert texture_names(SHIPPED) == ["grating", "linen", "ramp", "uniform"]
+        assert texture_names(SHIPPED) == sorted([*TEN, "steps"])
 
     def test_uniform(self):
         assert load_texture("uniform", SHIPPED) == Uniform(0.60)
@@ -82,10 +86,12 @@ class TestShipped:
         assert linen.bounds() == pytest.approx((0.55, 0.70))
         assert linen.cof_at(0.013, 0.007) == pytest.approx(linen.cof_at(0.013 - 0.024, 0.007 + 0.048))
 
-    @pytest.mark.parametrize("name", ["uniform", "grating", "ramp", "linen"])
+    @pytest.mark.parametrize("name", TEN)
     def test_lies_where_the_default_model_reaches_and_says_what_it_is(self, name):
         low, high = load_texture(name, SHIPPED).bounds()
         assert 0.52 <= low <= high <= 0.85
+        assert name == "uniform" or high / low >= 1.11**2  # two just noticeable steps
+        assert load(name, SHIPPED).description
         assert (SHIPPED[0] / f"{name}.toml").read_text().startswith("# ")
 
 
@@ -94,7 +100,7 @@ class TestNames:
         with pytest.raises(BadInputError, match="no texture 'linnen'") as caught:
             load_texture("linnen", SHIPPED)
         assert caught.value.code == "unknown_texture"
-        assert caught.value.hint == "did you mean 'linen'? textures: grating, linen, ramp, uniform"
+        assert caught.value.hint.startswith("did you mean 'linen'? textures: braille, brushed_metal, ")
 
     @pytest.mark.parametrize("name", ["", ".", "..", "a\0b", "uniform\n", "zzzz"])
     def test_odd_names_are_unknown(self, name):
@@ -131,8 +137,18 @@ class TestNames:
         example = caught.value.hint.split("\n", 1)[1]
         assert len(example.splitlines()) == 5
         Image.fromarray(np.array([[0, 255]], dtype=np.uint8)).save(folder / "cloth.png")
-        loaded = load(folder, example.replace(Path(name).name, "cloth.png"))
+        loaded = write(folder, example.replace(Path(name).name, "cloth.png"))
         np.testing.assert_allclose(loaded.cof, [[0.55, 0.70]])
+
+    def test_mpeg_file_alone_is_told_what_it_lacks(self):
+        with pytest.raises(BadInputError, match="which friction it means") as caught:
+            load_texture("effect.hjif", SHIPPED)
+        assert 'kind = "hjif"' in caught.value.hint
+
+    def test_a_script_is_no_texture(self):
+        with pytest.raises(BadInputError) as caught:
+            load_texture("steps", SHIPPED)
+        assert caught.value.code == "not_a_texture"
 
     def test_other_endings_are_no_textures(self):
         with pytest.raises(BadInputError, match=r"photo\.jpg is not a texture file"):
@@ -144,7 +160,7 @@ class TestDescriptions:
         text = (
             'kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 8\ndirection_deg = 90\nphase_deg = 180'
         )
-        assert load(folder, text) == Grating(0.6, 0.1, 0.008, math.pi / 2, math.pi)
+        assert write(folder, text) == Grating(0.6, 0.1, 0.008, math.pi / 2, math.pi)
 
     @pytest.mark.parametrize(
         ("text", "words"),
@@ -171,8 +187,20 @@ class TestDescriptions:
             ('kind = "map"\nfile = "a.png"\npitch_mm = [1, -1]', "key 'pitch_mm'"),
             ('kind = "map"\nfile = "a.png"\npitch_mm = 1\norigin_mm = [1, nan]', "key 'origin_mm'"),
             ('kind = "map"\nfile = "a.png"\npitch_mm = 1\norigin_mm = 1', "key 'origin_mm'"),
-            ('kind = "map"\nfile = "a.png"\npitch_mm = 1\ntile = 1', "key 'tile'"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = 1\noutside = 1', "key 'outside'"),
             ('kind = "map"\nfile = "a.png"\npitch_mm = 1\ncof_black = 0.5', "cof_black and cof_white go together"),
+            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 0.19', "key 'period_mm'"),
+            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 1\nduty = 0.5', "not to a sine"),
+            (
+                'kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 1\nwave = "square"\nduty = 0.9',
+                "a part of 0.1 mm",
+            ),
+            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 1\nwave = "round"', "key 'wave'"),
+            (NOISE + "shortest_mm = 2\nlongest_mm = 1", "do not increase"),
+            (NOISE + "shortest_mm = 1\nlongest_mm = 20", "do not increase"),
+            (NOISE + "shortest_mm = 0.2\nlongest_mm = 2\ntile_mm = 100", "'tile_mm': at most 34.13"),
+            (NOISE + "shortest_mm = 1\nlongest_mm = 2\nseed = -1", "key 'seed'"),
+            ('kind = "hjif"\nfile = "a.hjif"', "key 'cof_low' is missing"),
             ("kind = ", "is not TOML"),
             ("a = " + "[" * 5000, "is not TOML"),
             ("a = 1" + "0" * 5000, "is not TOML"),
@@ -204,12 +232,24 @@ class TestDescriptions:
 
 class TestProfiles:
     def test_alone(self, folder):
-        profile = load(folder, "# comment\nposition_m , cof, note\n0.0, 0.5, a\n\n0.1, 0.7, b\n", "profile.csv")
+        profile = write(folder, "# comment\nposition_m , cof, note\n0.0, 0.5, a\n\n0.1, 0.7, b\n", "profile.csv")
         assert profile == Profile([0.0, 0.1], [0.5, 0.7])
+
+    def test_positions_in_millimetres(self, folder):
+        profile = write(folder, "position_mm,cof\n0,0.5\n40,0.6\n100,0.7\n", "profile.csv")
+        assert profile.position_m == pytest.approx((0.0, 0.04, 0.1))
+        assert profile.cof_at(0.07, 0.0) == pytest.approx(0.65)
+
+    def test_along_another_direction_and_repeated(self, folder):
+        (folder / "p.csv").write_text("position_mm,cof\n0,0.5\n10,0.7\n20,0.5\n")
+        more = 'kind = "profile"\nfile = "p.csv"\ndirection_deg = 90\norigin_mm = [0, 5]\noutside = "tile"\n'
+        profile = write(folder, more)
+        assert profile.cof_at(0.3, 0.010) == pytest.approx(0.6)
+        assert profile.cof_at(0.3, 0.015 + 0.040) == pytest.approx(0.7)
 
     def test_through_toml_with_byte_order_mark_and_windows_lines(self, folder):
         (folder / "p.csv").write_bytes(b"\xef\xbb\xbfcof,position_m\r\n0.5,0.0\r\n0.7,0.1\r\n")
-        assert load(folder, 'kind = "profile"\nfile = "p.csv"') == Profile([0.0, 0.1], [0.5, 0.7])
+        assert write(folder, 'kind = "profile"\nfile = "p.csv"') == Profile([0.0, 0.1], [0.5, 0.7])
 
     @pytest.mark.parametrize(
         ("text", "words"),
@@ -231,7 +271,7 @@ class TestProfiles:
     )
     def test_fault_is_named_with_file_and_line(self, folder, text, words):
         error = refused(folder, text, "profile.csv")
-        assert error.code == "bad_profile"
+        assert error.code == ("bad_table" if "values" in words else "bad_profile")
         assert words in error.message
         assert error.hint
 
@@ -251,7 +291,7 @@ class TestPictures:
         picture = map_of(folder, "a.png")
         np.testing.assert_allclose(picture.cof, [[0.5, 0.54], [0.58, 0.7]])
         assert (picture.pitch_x_m, picture.pitch_y_m) == (0.002, 0.002)
-        assert (picture.origin_x_m, picture.origin_y_m, picture.tile) == (0.0, 0.0, False)
+        assert picture.outside == "nothing"
 
     def test_16_bit_grey(self, folder):
         Image.fromarray(np.array([[0, 13107, 65535]], dtype=np.uint16)).save(folder / "a.png")
@@ -265,12 +305,14 @@ class TestPictures:
         Image.fromarray(np.array([[0, 255]], dtype=np.uint8)).save(folder / "a.png")
         np.testing.assert_allclose(map_of(folder, "a.png", "cof_black = 0.7\ncof_white = 0.5\n").cof, [[0.7, 0.5]])
 
-    def test_pitch_origin_and_tile(self, folder):
+    def test_pitch_place_and_outside(self, folder):
         Image.fromarray(np.array([[0, 255]], dtype=np.uint8)).save(folder / "a.png")
-        placed = SCALE + "origin_mm = [10, -20.0]\ntile = true\n"
-        picture = load(folder, MAP.format("a.png").replace("2.0", "[2.0, 3]") + placed)
-        assert (picture.pitch_x_m, picture.pitch_y_m) == (0.002, 0.003)
-        assert (picture.origin_x_m, picture.origin_y_m, picture.tile) == (0.010, -0.020, True)
+        where = SCALE + 'origin_mm = [10, -20.0]\nrotation_deg = 90\noutside = "tile"\n'
+        placed = write(folder, MAP.format("a.png").replace("2.0", "[2.0, 3]") + where)
+        assert isinstance(placed, Placed)
+        assert (placed.origin_x_m, placed.origin_y_m, placed.rotation_rad) == (0.010, -0.020, math.pi / 2)
+        picture = placed.texture
+        assert (picture.pitch_x_m, picture.pitch_y_m, picture.outside) == (0.002, 0.003, "tile")
 
     @pytest.mark.parametrize("mode", ["RGB", "RGBA", "LA", "P"])
     def test_grey_saved_as_opaque_colour_is_grey(self, folder, mode):
@@ -332,6 +374,22 @@ class TestPictures:
 
     def test_other_kinds_of_file_are_refused(self, folder):
         assert "cannot be a '.jpg' file" in refused(folder, MAP.format("a.jpg") + SCALE).message
+
+
+class TestFinePictures:
+    """Detail finer than 0.1 mm is averaged: a sliding finger would pick from it by chance."""
+
+    def test_stripes_finer_than_a_finger_can_be_driven_become_their_mean(self, folder):
+        Image.fromarray(np.tile(np.array([0, 255], dtype=np.uint8), (4, 100))).save(folder / "a.png")
+        picture = write(folder, MAP.format("a.png").replace("2.0", "0.01") + SCALE)
+        np.testing.assert_allclose(picture.cof, 0.6, atol=1e-12)
+        assert picture.pitch_x_m * picture.cof.shape[1] == pytest.approx(200 * 1e-5)
+        assert picture.pitch_y_m * picture.cof.shape[0] == pytest.approx(4 * 1e-5)
+
+    def test_stripes_that_a_finger_can_be_driven_by_stay(self, folder):
+        Image.fromarray(np.tile(np.array([0, 255], dtype=np.uint8), (4, 3))).save(folder / "a.png")
+        picture = write(folder, MAP.format("a.png").replace("2.0", "0.1") + SCALE)
+        np.testing.assert_allclose(picture.cof, np.tile([0.5, 0.7], (4, 3)))
 
 
 class TestArrays:

@@ -1,0 +1,134 @@
+"""`haptic texture`: list, look at, check and play textures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from haptic_driver.cli import control
+from haptic_driver.cli.daemon import SocketOption
+from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
+from haptic_driver.config import RigConfig, load_model, load_rig, texture_dirs
+from haptic_driver.errors import BadInputError
+from haptic_driver.render.controller import Controller, ControllerSettings
+from haptic_driver.surface_builder import build_surface
+from haptic_driver.surface_file import SurfaceFile, read_surface, ready_for_lookup
+from haptic_driver.textures.library import load, texture_names
+from haptic_driver.textures.reach import WEBER, Demand, demand
+
+app = typer.Typer(no_args_is_help=True, help="List, draw, check and play textures.")
+Name = Annotated[str, typer.Argument(help="Texture: a name in configs/textures or a path.")]
+
+
+@app.command("list")
+def list_textures(as_json: Json = False) -> None:
+    """List the textures that have names; a faulty file is listed with its fault.
+
+    Example: `haptic texture list`
+    """
+    entries = [_entry(name) for name in texture_names(texture_dirs())]
+
+    def show() -> None:
+        table = Table("name", "kind", "friction", "description")
+        for entry in entries:
+            low, high = entry["cof"] or (None, None)
+            friction = "" if low is None else f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+            table.add_row(entry["name"], entry["kind"] or "", friction, entry["error"] or entry["description"])
+        stdout.print(table)
+
+    report(as_json, {"textures": entries}, show)
+
+
+@app.command()
+def preview(
+    name: Name,
+    out: Annotated[Path, typer.Option("--out", help="Picture to write (.png, .pdf or .svg).")] = Path("texture.png"),
+    as_json: Json = False,
+) -> None:
+    """Draw a texture in the plane and along a line, or a script over time.
+
+    Example: `haptic texture preview linen --out linen.png`
+    """
+    from haptic_driver.textures.preview import preview as draw  # noqa: PLC0415  (matplotlib is slow to import)
+
+    loaded = load(name, texture_dirs())
+    draw(loaded.target, out, f"{name}: {loaded.description}" if loaded.description else name)
+    report(as_json, {"picture": str(out)}, lambda: stdout.print(f"picture: {out}"))
+
+
+@app.command()
+def check(
+    name: Name,
+    normal_force: Annotated[float, typer.Option("--normal-force", help="Normal force of the finger, N.")] = 0.5,
+    model: ModelOption = "reference",
+    surface: Annotated[Path | None, typer.Option("--surface", help="Surface file instead of a model.")] = None,
+    rig: RigOption = "simulated",
+    as_json: Json = False,
+) -> None:
+    """Say what a texture asks for and which share of it is out of reach under a load; flags are no failure.
+
+    Example: `haptic texture check linen --normal-force 0.5`
+    """
+    loaded = load(name, texture_dirs())
+    config = load_rig(rig)
+    limits = config.operating_limits()
+    file = read_surface(surface) if surface is not None else build_surface(load_model(model), limits)
+    reachable = _reachable(config, file, normal_force)
+    found = demand(loaded.target, reachable)
+    payload = {
+        "name": name,
+        "kind": loaded.kind,
+        "normal_force_n": normal_force,
+        "reachable_cof": list(reachable),
+        **found._asdict(),
+    }
+    report(as_json, payload, lambda: _show(name, loaded.kind, found, reachable, normal_force))
+
+
+@app.command()
+def play(name: Name, socket: SocketOption = None, as_json: Json = False) -> None:
+    """Ask the daemon for a texture; somebody must have armed.
+
+    Example: `haptic texture play linen`
+    """
+    control.play(name, socket, as_json)
+
+
+def _entry(name: str) -> dict[str, Any]:
+    try:
+        loaded = load(name, texture_dirs())
+    except BadInputError as error:
+        return {"name": name, "kind": None, "cof": None, "description": "", "file": None, "error": error.message}
+    return {
+        "name": name,
+        "kind": loaded.kind,
+        "cof": list(loaded.target.bounds()),
+        "description": loaded.description,
+        "file": str(loaded.path),
+        "error": None,
+    }
+
+
+def _reachable(config: RigConfig, file: SurfaceFile, normal_force_n: float) -> tuple[float, float]:
+    low_n, high_n = float(file.normal_force_n[0]), float(file.normal_force_n[-1])
+    if not low_n <= normal_force_n <= high_n:
+        raise BadInputError(
+            "out_of_range", f"normal force {normal_force_n:g} N is out of range", f"Give {low_n:g} to {high_n:g} N"
+        )
+    limits = config.operating_limits()
+    settings = ControllerSettings(ready_for_lookup(file, limits), **config.controller.model_dump(), limits=limits)
+    low, high = Controller(settings).reachable(normal_force_n)
+    return float(low), float(high)
+
+
+def _show(name: str, kind: str, found: Demand, reachable: tuple[float, float], normal_force_n: float) -> None:
+    stdout.print(f"{name} ({kind}): friction {found.cof_low:.4g} to {found.cof_high:.4g}")
+    stdout.print(f"  {found.steps_felt:.1f} just noticeable steps of {WEBER:.0%}")
+    stdout.print(f"  reachable under {normal_force_n:g} N: {reachable[0]:.4g} to {reachable[1]:.4g}")
+    stdout.print(f"  out of reach: {found.share_below:.1%} below, {found.share_above:.1%} above")
+    stdout.print(f"  nothing asked for on {found.share_nothing:.1%} of the screen")
+    for flag in found.flags:
+        stdout.print(f"  [bold yellow]{flag}[/]")

@@ -1,0 +1,87 @@
+"""Timed target scripts: tables of steps -> a script that the render stage plays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.render.texture import Interpolation, Script, Step, Texture, Uniform
+from haptic_driver.textures import files
+from haptic_driver.textures.description import SCRIPT_HINT, ScriptDescription, StepDescription, nearest, parse_step
+
+COLUMNS = ("time_s", "cof", "texture", "interpolation", "label")
+NUMBERS = ("time_s", "cof")
+
+
+def is_script(path: Path) -> bool:
+    """Whether the first line of a CSV file has a column of times."""
+    header, _ = files.read_table(path)
+    return "time_s" in header
+
+
+def build(described: ScriptDescription, path: Path, load: Callable[[str], Texture]) -> Script:
+    """The script of a description in the file `path`; `load` finds a texture by name."""
+    if described.file is not None:
+        return read(path.parent / described.file, load, described.interpolation)
+    assert described.step is not None  # the description has the one or the other
+    where = [f"{path}, step {number + 1}" for number in range(len(described.step))]
+    return _script(path, list(zip(where, described.step, strict=True)), load, described.interpolation)
+
+
+def read(path: Path, load: Callable[[str], Texture], interpolation: Interpolation = "hold") -> Script:
+    """The script in a CSV file with columns time_s, cof or texture, and if you like label and interpolation."""
+    header, lines = files.read_table(path)
+    for name in header:
+        if name not in COLUMNS:
+            raise BadInputError(
+                "bad_script", f"{path}: unknown column '{name}'", nearest(name, list(COLUMNS)) + SCRIPT_HINT
+            )
+    steps = []
+    for line, cells in lines:
+        where = f"{path} line {line}"
+        steps.append((where, parse_step({k: _value(where, k, v) for k, v in cells.items() if v}, where)))
+    return _script(path, steps, load, interpolation)
+
+
+def _value(where: str, column: str, text: str) -> Any:
+    if column not in NUMBERS:
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise BadInputError(
+            "bad_script", f"{where}: {column} {text[:40]!r} is no number", "use numbers such as 0.62"
+        ) from None
+
+
+def _script(
+    path: Path,
+    steps: Sequence[tuple[str, StepDescription]],
+    load: Callable[[str], Texture],
+    interpolation: Interpolation,
+) -> Script:
+    if len(steps) < 2:
+        raise BadInputError("bad_script", f"{path}: fewer than two steps", "the last step says when the script ends")
+    for (_, before), (where, step) in pairwise(steps):
+        if step.time_s <= before.time_s:
+            raise BadInputError(
+                "bad_script", f"{where}: time_s {step.time_s:g} comes after {before.time_s:g}", "sort the steps by time"
+            )
+    return Script(
+        tuple(
+            Step(step.time_s, _texture(where, step, load), step.interpolation or interpolation, step.label)
+            for where, step in steps
+        )
+    )
+
+
+def _texture(where: str, step: StepDescription, load: Callable[[str], Texture]) -> Texture:
+    if step.cof is not None:
+        return Uniform(step.cof)
+    try:
+        return load(str(step.texture))
+    except BadInputError as error:
+        raise BadInputError(error.code, f"{where}: {error.message}", error.hint) from None
