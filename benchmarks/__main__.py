@@ -7,14 +7,27 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import surface_build, surface_lookup
+from benchmarks import (
+    arbitrary_upload,
+    envelope,
+    published_algorithm,
+    surface_build,
+    surface_lookup,
+    surface_rebuild,
+    tick_compute,
+    tick_lateness,
+    transport,
+)
 from benchmarks.claim import Claim
 
 
 def main() -> int:
     table = Table("claim", "measured", "wanted", "holds")
     claims: list[Claim] = []
-    for part in (surface_build, surface_lookup):
+    for part in (
+        surface_build, surface_rebuild, surface_lookup, published_algorithm, transport, arbitrary_upload, tick_compute,
+        envelope, tick_lateness,
+    ):  # fmt: skip
         for claim in part.run():
             claims.append(claim)
             table.add_row(claim.what, claim.measured, claim.wanted, "[green]yes" if claim.holds else "[red]NO")

@@ -95,7 +95,7 @@ def run() -> Iterator[Claim]:
 
     finger = FingerState(0.0, 0.0, 0.0, 0.0, 0.0, 0.5, True)
     for policy in POLICIES:
-        settings = ControllerSettings(surface, policy, 250.0 if policy == "fixed_frequency" else None)
+        settings = ControllerSettings(surface, limits, policy, 250.0 if policy == "fixed_frequency" else None)
         controller = Controller(settings)
         state, _ = controller.step(INITIAL, TargetFriction(0.6, True), finger)
         start = time.perf_counter()

@@ -5,16 +5,25 @@ All SI floats with the unit in the name; `voltage_v` is always the peak amplitud
 
 from __future__ import annotations
 
+from math import nan
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 class FingerSample(NamedTuple):
-    """One raw reading of the finger: position on the screen and normal force, at a time."""
+    """One raw reading of the finger: position on the screen and forces, at a time.
+
+    `lateral_force_n` is what friction is measured by, of either sign; NaN where it is unknown: no sensor, a reading
+    that is stale or saturated.
+    """
 
     time_s: float
     position_x_m: float
     position_y_m: float
     normal_force_n: float
+    lateral_force_n: float = nan
 
 
 class FingerState(NamedTuple):
@@ -27,6 +36,7 @@ class FingerState(NamedTuple):
     velocity_y_m_s: float
     normal_force_n: float
     in_contact: bool
+    lateral_force_n: float = nan
 
 
 class TargetFriction(NamedTuple):
@@ -67,3 +77,17 @@ class DriveCommand(NamedTuple):
     frequency_hz: float
     voltage_v: float
     output_on: bool
+
+
+class EnvelopeBlock(NamedTuple):
+    """Peak voltages [m] at the electrode from this tick to the next, evenly spaced, the last at the next tick.
+
+    `output_on` False means zero volts, carrier off.
+    """
+
+    frequency_hz: float
+    voltage_v: NDArray[np.float64]
+    output_on: bool
+
+
+NO_COMMAND = DriveCommand(frequency_hz=10e3, voltage_v=0.0, output_on=False)

@@ -20,6 +20,7 @@ from haptic_driver.render.tick import TickSettings, TickState, tick
 from haptic_driver.rig import OffEvidence
 from haptic_driver.signals import FingerSample
 from haptic_driver.simulated_rig import SimulatedRig
+from hw.force_sensor import ForceReading
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -52,8 +53,9 @@ class SlideRecord:
     """One rendered slide: arrays [n], one entry per tick.
 
     `target_cof` is the texture under the finger itself, NaN where it asks for nothing; `measured_cof` the force
-    sensor's; `voltage_v` and `frequency_hz` what the simulated amplifier and generator really put out; `rejections`
-    how often the safety gate said no; `off` what was known about the output after the end.
+    sensor's, NaN where it was saturated; `voltage_v` and `frequency_hz` what the simulated amplifier and generator
+    really put out; `feedback_gain` the finger's gain as the controller knew it; `rejections` how often the safety gate
+    said no; `off` what was known about the output after the end.
     """
 
     slide: Slide
@@ -64,6 +66,8 @@ class SlideRecord:
     in_contact: Mask
     reachable: Mask
     off_screen: Mask
+    saturated: Mask
+    feedback_gain: Array
     max_voltage_v: float
     rejections: int
     off: OffEvidence
@@ -85,6 +89,7 @@ class Score:
     """How well one slide was rendered; see `haptic demo --json` for the names.
 
     The shares are of sliding contact time; `share_within_5_percent` counts only reachable targets, NaN without any.
+    While the force sensor is saturated (`saturated_time_s`) friction is unknown, and is not judged.
     """
 
     share_within_5_percent: float
@@ -94,6 +99,7 @@ class Score:
     reachable_share: float
     max_voltage_v: float
     output_on_without_contact_s: float
+    saturated_time_s: float
 
 
 def synthetic_slide() -> Slide:
@@ -162,8 +168,8 @@ def render_slide(
     The rig is connected here and switched off at the end, whatever happens.
     """
     count = slide.time_s.size
-    lateral, normal, voltage, frequency = (np.empty(count) for _ in range(4))
-    contact, reachable = np.zeros(count, bool), np.zeros(count, bool)
+    lateral, normal, voltage, frequency, gain = (np.empty(count) for _ in range(5))
+    contact, reachable, saturated = (np.zeros(count, bool) for _ in range(3))
     speed = slide.speed_m_s
     state = TickState()
     rig = bench.rig
@@ -171,20 +177,20 @@ def render_slide(
         rig.connect()
         for i in range(count):
             time_s, x = float(slide.time_s[i]), float(slide.position_m[i])
-            felt = rig.read_force()
-            state, done = tick(settings, state, FingerSample(time_s, x, 0.0, felt.normal_force_n))
+            state, done = tick(settings, state, _sample(time_s, x, rig.read_force()))
             rig.command(time_s, done.command)
             bench.step(TICK_S, float(slide.normal_force_n[i]), float(speed[i]))
             reading = rig.read_force()
-            lateral[i], normal[i] = reading.lateral_force_n, reading.normal_force_n
+            lateral[i], normal[i], saturated[i] = reading.lateral_force_n, reading.normal_force_n, reading.saturated
             voltage[i], frequency[i] = bench.voltage_v, bench.frequency_hz
             contact[i], reachable[i] = done.finger.in_contact, done.wanted.reachable
+            gain[i] = state.controller.estimate.gain
             progress(i)
     finally:
         off = rig.off()
     target = np.asarray(texture.cof_at(slide.position_m, np.zeros(count)), dtype=np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
-        measured = np.where(contact, _average(lateral) / _average(normal), np.nan)
+        measured = np.where(contact & (_average(saturated) == 0.0), _average(lateral) / _average(normal), np.nan)
     return SlideRecord(
         slide=slide,
         target_cof=_average(target),
@@ -194,13 +200,21 @@ def render_slide(
         in_contact=contact,
         reachable=reachable,
         off_screen=slide.normal_force_n < 0.5 * settings.finger.contact_off_n,
+        saturated=saturated,
+        feedback_gain=gain,
         max_voltage_v=bench.amplifier.max_voltage_v,
         rejections=state.safety.rejections,
         off=off,
     )
 
 
-def _average(values: Array) -> Array:
+def _sample(time_s: float, position_m: float, felt: ForceReading) -> FingerSample:
+    """What the tick is told; no lateral force where the sensor cannot be trusted."""
+    lateral_n = float("nan") if felt.saturated else felt.lateral_force_n
+    return FingerSample(time_s, position_m, 0.0, felt.normal_force_n, lateral_n)
+
+
+def _average(values: Array | Mask) -> Array:
     """Centred moving average over AVERAGE_S; the ends use what there is."""
     half = round(AVERAGE_S / TICK_S / 2)
     total = np.concatenate([[0.0], np.cumsum(values)])
@@ -224,4 +238,5 @@ def score(record: SlideRecord) -> Score:
         reachable_share=float(judged.sum() / sliding.sum()) if sliding.any() else float("nan"),
         max_voltage_v=record.max_voltage_v,
         output_on_without_contact_s=float(((record.voltage_v > 0.0) & record.off_screen).sum() * TICK_S),
+        saturated_time_s=float(record.saturated.sum() * TICK_S),
     )

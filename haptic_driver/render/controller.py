@@ -7,33 +7,33 @@ the carrier, so no policy but `fixed_frequency` goes below `lowest_carrier_hz`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot, nan
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
-from haptic_driver.render.correction import Correction
-from haptic_driver.render.surface import (
+from haptic_driver.render import feedback, kernels
+from haptic_driver.render.correction import NO_CORRECTION, Correction
+from haptic_driver.render.feedback import FeedbackState
+from haptic_driver.render.kernels import (
     LOG_FREQUENCY,
     MERIT_AUTHORITY,
     MERIT_CURRENT,
     MERIT_VOLTAGE,
-    Inverse,
-    Surface,
-    best_frequency,
-    invert,
-    stuck_current_a_per_v,
+    Array,
+    Estimate,
+    FeedbackSettings,
 )
-from haptic_driver.signals import FingerState, OperatingPoint, TargetFriction
+from haptic_driver.render.surface import Surface, best_frequency, invert, stuck_current_a_per_v
+from haptic_driver.signals import NO_COMMAND, DriveCommand, FingerState, OperatingPoint, TargetFriction
 
 Policy = Literal["max_authority", "min_voltage", "min_current", "fixed_frequency", "carrier"]
 POLICIES: tuple[Policy, ...] = get_args(Policy)
 MERITS = {"min_voltage": MERIT_VOLTAGE, "min_current": MERIT_CURRENT}
 CARRIER_BAND_HZ = 10e3
-CORRECTION_ROUNDS = 4
 CLEAR = 1e-9  # kept clear of a limit against rounding
-WORTH_COMPARING = {MERIT_AUTHORITY: 0.0, MERIT_VOLTAGE: 1.0, MERIT_CURRENT: 1e-6}  # below, costs are as good as equal
 
 
 @dataclass(frozen=True)
@@ -43,15 +43,17 @@ class ControllerSettings:
     `hysteresis`: how much better (relative) another frequency must be before the carrier moves there.
     `fixed_frequency_hz` belongs to the policy `fixed_frequency`; between the surface's nodes `limits` hold exactly.
     `correction`: what the finger's speed and the time do to friction, where the model says they do anything.
+    `feedback`: how the finger's own gains are learnt from measured friction; None leaves them at 1.
     """
 
     surface: Surface
+    limits: OperatingLimits
     policy: Policy = "max_authority"
     fixed_frequency_hz: float | None = None
     lowest_carrier_hz: float = 100.0
     hysteresis: float = 0.05
-    limits: OperatingLimits | None = None
     correction: Correction | None = None
+    feedback: FeedbackSettings | None = None
 
     def __post_init__(self) -> None:
         """Refuse settings under which no frequency could be chosen."""
@@ -84,9 +86,20 @@ class ControllerSettings:
 
 
 class ControllerState(NamedTuple):
-    """The frequency in use; None before the first target."""
+    """The frequency in use, None before the first target; what is known of the finger, None without feedback."""
 
     frequency_hz: float | None
+    feedback: FeedbackState | None = None
+
+    @property
+    def known(self) -> Array:
+        """The fields of the estimate in a row."""
+        return feedback.NEUTRAL_KNOWN if self.feedback is None else self.feedback.known
+
+    @property
+    def estimate(self) -> Estimate:
+        """The finger's gains, with their drift; 1 without feedback."""
+        return feedback.NEUTRAL if self.feedback is None else self.feedback.estimate
 
 
 INITIAL = ControllerState(None)
@@ -97,96 +110,86 @@ class Controller:
 
     def __init__(self, settings: ControllerSettings) -> None:
         self.settings = settings
-        self._frequencies = [float(f) for f in np.exp(settings.surface.nodes(LOG_FREQUENCY))]
-        self._band = settings.band
-        self._merit = settings.merit
+        surface, correction = settings.surface, settings.correction
+        law = settings.feedback
+        self._first_feedback = None if law is None else feedback.initial(law)
+        self._margin = 0.0 if law is None else law.margin
         self._fixed = settings.fixed_frequency_hz if settings.policy == "fixed_frequency" else None
         self._caps = _caps(settings) if self._fixed is not None else (np.inf, np.inf)
+        corrected = (*(NO_CORRECTION if correction is None else correction), correction is not None)
+        fixed_hz = nan if self._fixed is None else self._fixed
+        how = (*settings.band, settings.merit, fixed_hz, settings.hysteresis, *self._caps)
+        self._what = (*surface, *corrected, *how)
+        self._along = (*surface, *corrected)
+        self._felt = (surface.axes, surface.cof, *corrected, np.array(law if law is not None else ()))
 
     def step(
-        self, state: ControllerState, target: TargetFriction, finger: FingerState
+        self, state: ControllerState, target: TargetFriction, finger: FingerState, applied: DriveCommand = NO_COMMAND
     ) -> tuple[ControllerState, OperatingPoint]:
         """The operating point for `target` under the finger's present load; zero volts where nothing is asked.
 
-        A target out of reach gives the nearest reachable friction, flagged.
+        A target out of reach gives the nearest reachable friction, flagged. `applied` is the command of the tick
+        before, which feedback compares with what the finger felt.
         """
+        state = self._observe(state, finger, applied)
         if not target.active or not target.cof > 0.0 or not finger.normal_force_n > 0.0:
             return state, _idle(state)
-        correction = self.settings.correction
-        if correction is not None:
-            return self._corrected(correction, state, target.cof, finger)
-        frequency_hz, inverse = self._choose(state.frequency_hz, target.cof, finger.normal_force_n)
-        return ControllerState(frequency_hz), self._point(frequency_hz, inverse, target.cof)
+        found = kernels.choose(
+            *self._what, state.known, self._margin,
+            target.cof, finger.normal_force_n, hypot(finger.velocity_x_m_s, finger.velocity_y_m_s), finger.time_s,
+            nan if state.frequency_hz is None else state.frequency_hz,
+        )  # fmt: skip
+        frequency_hz, voltage_v, cof, current_a, stuck_a, low, high = found
+        reachable = low <= target.cof <= high
+        point = OperatingPoint(frequency_hz, voltage_v, cof, current_a, stuck_a, reachable, low, high)
+        return ControllerState(frequency_hz, state.feedback), point
 
-    def _corrected(
-        self, correction: Correction, state: ControllerState, cof: float, finger: FingerState
-    ) -> tuple[ControllerState, OperatingPoint]:
-        """The same through the correction: the target is taken back to the surface's speed and time, the answer forth.
+    def along(
+        self, state: ControllerState, target_cof: Array, finger: FingerState, frequency_hz: float
+    ) -> tuple[Array, OperatingPoint]:
+        """Voltages [n] for targets at points to come, at one frequency, 0 for NaN; and the operating point of the peak.
 
-        The factors depend on the drive that the target asks for, so both are found together, in a few rounds.
+        Finger and gains are those of this tick. A target out of reach gives the nearest reachable friction.
         """
-        force_n = finger.normal_force_n
-        low, _ = self.reachable(force_n)
-        frequency_hz, inverse = self._choose(state.frequency_hz, cof, force_n)
-        for _ in range(CORRECTION_ROUNDS):
-            off, gain = correction.at(frequency_hz, inverse.voltage_v, finger)
-            frequency_hz, inverse = self._choose(frequency_hz, low + (cof - off * low) / gain, force_n)
-        forth = [off * low + gain * (value - low) for value in (inverse.cof, inverse.cof_low, inverse.cof_high)]
-        inverse = inverse._replace(cof=forth[0], cof_low=forth[1], cof_high=forth[2])
-        return ControllerState(frequency_hz), self._point(frequency_hz, inverse, cof)
-
-    @staticmethod
-    def _point(frequency_hz: float, inverse: Inverse, cof: float) -> OperatingPoint:
-        return OperatingPoint(
-            frequency_hz=frequency_hz,
-            voltage_v=inverse.voltage_v,
-            cof=inverse.cof,
-            current_rms_a=inverse.current_rms_a,
-            stuck_current_rms_a=inverse.stuck_current_rms_a,
-            reachable=inverse.cof_low <= cof <= inverse.cof_high,
-            cof_low=inverse.cof_low,
-            cof_high=inverse.cof_high,
-        )
+        voltage_v = np.empty(target_cof.size)
+        peak = kernels.voltages(
+            *self._along, *self._caps, state.known, self._margin,
+            target_cof, frequency_hz, finger.normal_force_n,
+            hypot(finger.velocity_x_m_s, finger.velocity_y_m_s), finger.time_s, voltage_v,
+        )  # fmt: skip
+        peak_v, cof, current_a, stuck_a, low, high = peak
+        return voltage_v, OperatingPoint(frequency_hz, peak_v, cof, current_a, stuck_a, True, low, high)
 
     def reachable(self, normal_force_n: float) -> tuple[float, float]:
         """Lowest and highest friction that the policy can reach under a load."""
-        best = self._fixed
-        if best is None:
-            index = best_frequency(self.settings.surface, np.inf, normal_force_n, *self._band, MERIT_AUTHORITY)
-            best = self._frequencies[index]
-        inverse = invert(self.settings.surface, np.inf, best, normal_force_n, *self._caps)
+        best_hz = self._fixed
+        if best_hz is None:
+            index = best_frequency(
+                self.settings.surface, np.inf, normal_force_n, *self.settings.band, MERIT_AUTHORITY
+            )  # fmt: skip
+            best_hz = float(np.exp(self.settings.surface.nodes(LOG_FREQUENCY)[index]))
+        inverse = invert(self.settings.surface, np.inf, best_hz, normal_force_n, *self._caps)
         return inverse.cof_low, inverse.cof_high
 
-    def _choose(self, present_hz: float | None, cof: float, normal_force_n: float) -> tuple[float, Inverse]:
-        surface = self.settings.surface
-        if self._fixed is not None:
-            return self._fixed, invert(surface, cof, self._fixed, normal_force_n, *self._caps)
-        index = best_frequency(surface, cof, normal_force_n, *self._band, self._merit)
-        best_hz = self._frequencies[index]
-        best = invert(surface, cof, best_hz, normal_force_n)
-        if present_hz is None or present_hz == best_hz:
-            return best_hz, best
-        present = invert(surface, cof, present_hz, normal_force_n)
-        return (best_hz, best) if self._clearly_better(best, present, cof) else (present_hz, present)
-
-    def _clearly_better(self, best: Inverse, present: Inverse, cof: float) -> bool:
-        if present.cof_high < cof <= best.cof_high:
-            return True
-        margin = 1.0 + self.settings.hysteresis
-        if self._merit == MERIT_AUTHORITY or present.cof_high < cof:
-            return best.cof_high - best.cof_low > margin * (present.cof_high - present.cof_low)
-        if self._merit == MERIT_VOLTAGE:
-            old, new = present.voltage_v, best.voltage_v
-        else:
-            old, new = present.current_rms_a, best.current_rms_a
-        return old > WORTH_COMPARING[self._merit] and old > margin * new
+    def _observe(self, state: ControllerState, finger: FingerState, applied: DriveCommand) -> ControllerState:
+        """Learn from what the finger felt, and remember the last command."""
+        known = state.feedback or self._first_feedback
+        if known is None:
+            return state
+        then = FeedbackState(np.empty_like(known.known), np.empty_like(known.commands))
+        kernels.learn(
+            *self._felt, *known, *then,
+            finger.time_s, hypot(finger.velocity_x_m_s, finger.velocity_y_m_s), finger.normal_force_n,
+            finger.lateral_force_n, finger.in_contact, applied.frequency_hz, applied.voltage_v,
+        )  # fmt: skip
+        return ControllerState(state.frequency_hz, then)
 
 
 def _caps(settings: ControllerSettings) -> tuple[float, float]:
     """Largest voltage and sliding current that the limits allow at the fixed frequency."""
-    if settings.limits is None or settings.fixed_frequency_hz is None:
-        return np.inf, np.inf
     f = settings.fixed_frequency_hz
+    if f is None:
+        return np.inf, np.inf
     voltage = settings.limits.highest_voltage_v(f, stuck_current_a_per_v(settings.surface, f))
     current = settings.limits.contact_current_limit_a_rms(f)
     return float(voltage) * (1.0 - CLEAR), float(current) * (1.0 - CLEAR)

@@ -6,14 +6,14 @@ and the rise through attraction are corrected apart, since effects of speed act 
 
 from __future__ import annotations
 
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from haptic_driver.render import kernels
+from haptic_driver.render.kernels import Array
 from haptic_driver.signals import FingerState
-
-Array = NDArray[np.float64]
 
 
 class Correction(NamedTuple):
@@ -33,23 +33,15 @@ class Correction(NamedTuple):
 
     def at(self, frequency_hz: float, voltage_v: float, finger: FingerState) -> tuple[float, float]:
         """Factors on friction without voltage and on the rise through attraction, for this finger and drive."""
-        speed_m_s = float(np.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s))
-        n = _locate(self.log_normal_force, np.log(finger.normal_force_n))
-        s = _locate(self.log_speed, np.log(max(speed_m_s, 1e-9)))
-        f = _locate(self.log_frequency, np.log(frequency_hz))
-        v = _locate(self.voltage_v, voltage_v)
-        of_time = float(np.interp(finger.time_s, self.time_s, self.time_factor))
-        return of_time * _interpolated(self.off_factor, (n, s)), of_time * _interpolated(self.gain_factor, (f, n, s, v))
+        speed_m_s = hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
+        found: tuple[float, float] = kernels.correction_factors(
+            *self, frequency_hz, voltage_v, finger.normal_force_n, speed_m_s, finger.time_s
+        )
+        return found
 
 
-def _locate(nodes: Array, x: float) -> tuple[int, float]:
-    """Cell and fraction of `x` among rising nodes, clamped."""
-    cell = int(np.clip(np.searchsorted(nodes, x) - 1, 0, nodes.size - 2))
-    return cell, float(np.clip((x - nodes[cell]) / (nodes[cell + 1] - nodes[cell]), 0.0, 1.0))
-
-
-def _interpolated(values: Array, cells: tuple[tuple[int, float], ...]) -> float:
-    """Multilinear in as many axes as `values` has."""
-    for cell, fraction in cells:
-        values = (1.0 - fraction) * values[cell] + fraction * values[cell + 1]
-    return float(values)
+_ENDS = np.array([0.0, 1.0])
+NO_CORRECTION = Correction(
+    _ENDS, _ENDS, _ENDS, _ENDS, _ENDS, np.ones((2, 2)), np.ones((2, 2, 2, 2)), np.ones(2)
+)  # fmt: skip
+"""Factors of 1, for kernels that take one in any case."""

@@ -90,8 +90,9 @@ def track(settings: FingerSettings, state: FingerTracking, sample: FingerSample)
     if not (math.isfinite(x_m) and math.isfinite(y_m)):
         return _lost(sample.time_s)
     return state, FingerState(
-        sample.time_s, x_m, y_m, state.velocity_x_m_s, state.velocity_y_m_s, sample.normal_force_n, True
-    )
+        sample.time_s, x_m, y_m, state.velocity_x_m_s, state.velocity_y_m_s, sample.normal_force_n, True,
+        sample.lateral_force_n,
+    )  # fmt: skip
 
 
 def _follow(settings: FingerSettings, state: FingerTracking, sample: FingerSample) -> FingerTracking:

@@ -10,8 +10,14 @@ from bisect import bisect_right
 from math import exp, isfinite, log, pi, sqrt
 from typing import NamedTuple
 
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.signals import OperatingPoint, SafeOperatingPoint
+
+ROUNDING = 1.0 + 1e-12  # a root of a square may come out so much larger
 
 
 class SafetyState(NamedTuple):
@@ -59,6 +65,31 @@ def violation(limits: OperatingLimits, point: OperatingPoint) -> str | None:  # 
     if stuck < 0.0 or min(stuck, deliverable) > allowed:
         return f"worst-case finger current {min(stuck, deliverable):.3g} A rms exceeds {allowed:.3g} A rms at {f:g} Hz"
     return None
+
+
+def gate_envelope(
+    limits: OperatingLimits, state: SafetyState, peak: OperatingPoint, voltage_v: NDArray[np.float64]
+) -> tuple[SafetyState, bool]:
+    """Whether a block of peak voltages is refused, as a whole: for its highest point, or for one sample beyond that.
+
+    Every limit is one on voltage at the carrier's frequency, or grows with it, so what is below a safe point is safe.
+    """
+    reason = violation(limits, peak)
+    if reason is None:
+        index = first_outside(voltage_v, peak.voltage_v * ROUNDING)
+        if index < 0:
+            return state, False
+        reason = f"sample {index} of the envelope, {voltage_v[index]:g} V, is outside 0..{peak.voltage_v:g} V"
+    return SafetyState(state.rejections + 1, reason), True
+
+
+@numba.njit(cache=True, nogil=True)
+def first_outside(voltage_v: NDArray[np.float64], highest_v: float) -> int:
+    """Index of the first sample outside 0..highest_v, NaN included; -1 for none."""
+    for i in range(voltage_v.size):
+        if not 0.0 <= voltage_v[i] <= highest_v:
+            return i
+    return -1
 
 
 def contact_current_limit_a_rms(limits: OperatingLimits, frequency_hz: float) -> float:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render import controller, drive, finger, safety, texture
 from haptic_driver.signals import (
+    NO_COMMAND,
     DriveCommand,
     FingerSample,
     FingerState,
@@ -22,7 +23,7 @@ class TickSettings:
     """What the stages are told; replaced as a whole, never changed."""
 
     finger: finger.FingerSettings
-    texture: texture.Texture
+    texture: texture.Target
     controller: controller.Controller
     limits: OperatingLimits
     drive: drive.DriveSettings
@@ -35,6 +36,7 @@ class TickState(NamedTuple):
     controller: controller.ControllerState = controller.INITIAL
     safety: safety.SafetyState = safety.INITIAL
     drive: drive.DriveState = drive.INITIAL
+    command: DriveCommand = NO_COMMAND
 
 
 class Tick(NamedTuple):
@@ -51,7 +53,7 @@ def tick(settings: TickSettings, state: TickState, sample: FingerSample) -> tupl
     """Finger -> target -> operating point -> safe point -> drive command."""
     tracking, felt = finger.track(settings.finger, state.finger, sample)
     target = texture.target(settings.texture, felt)
-    control, wanted = settings.controller.step(state.controller, target, felt)
+    control, wanted = settings.controller.step(state.controller, target, felt, state.command)
     guard, safe = safety.gate(settings.limits, state.safety, wanted)
     driven, command = drive.drive(settings.drive, state.drive, safe, sample.time_s)
-    return TickState(tracking, control, guard, driven), Tick(felt, target, wanted, safe, command)
+    return TickState(tracking, control, guard, driven, command), Tick(felt, target, wanted, safe, command)

@@ -17,6 +17,7 @@ from model.touch_model import Conditions
 
 CHOOSING = [policy for policy in POLICIES if policy != "fixed_frequency"]
 COF_OFF = 0.512
+WIDE = OperatingLimits(1e3, 1e-3, 1e7, contact_current_a_rms=((1.0, 1.0),))  # the surface has its own
 ON_SURFACE = 1e-9  # node frequencies and friction go through a logarithm and back
 
 
@@ -28,8 +29,8 @@ def ask(controller, cof, normal_force_n=0.5, state=INITIAL):
     return controller.step(state, TargetFriction(cof, True), finger(normal_force_n))
 
 
-def make(surface, policy="max_authority", **settings):
-    return Controller(ControllerSettings(surface, policy=policy, **settings))
+def make(surface, policy="max_authority", limits=WIDE, **settings):
+    return Controller(ControllerSettings(surface, limits, policy=policy, **settings))
 
 
 @pytest.fixture(scope="module")
@@ -292,6 +293,6 @@ def test_every_point_at_a_fixed_frequency_passes_the_gate(rigs, rig, cof):
 )
 def test_settings_without_a_frequency_to_use_are_refused(surface, settings, code, words):
     with pytest.raises(BadInputError) as refused:
-        ControllerSettings(surface, **settings)
+        ControllerSettings(surface, WIDE, **settings)
     assert refused.value.code == code
     assert words in refused.value.hint

@@ -42,9 +42,7 @@ def test_the_target_is_met_at_any_speed_and_time(model_description, limits, name
     model = described(model_description, *names)
     file = build_surface(model, limits, AXES)
     assert file.correction is not None
-    controller = Controller(
-        ControllerSettings(ready_for_lookup(file, limits), limits=limits, correction=file.correction)
-    )
+    controller = Controller(ControllerSettings(ready_for_lookup(file, limits), limits, correction=file.correction))
     touch = TouchModel(model)
     reached = 0
     for speed in (0.005, 0.02, 0.1):

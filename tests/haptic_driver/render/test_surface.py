@@ -9,15 +9,8 @@ from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
 from haptic_driver.limits import OperatingLimits
-from haptic_driver.render.surface import (
-    MERIT_AUTHORITY,
-    MERIT_CURRENT,
-    MERIT_VOLTAGE,
-    best_frequency,
-    cof_at,
-    cof_scalar,
-    invert,
-)
+from haptic_driver.render.kernels import MERIT_AUTHORITY, MERIT_CURRENT, MERIT_VOLTAGE
+from haptic_driver.render.surface import best_frequency, cof_at, cof_scalar, invert
 from haptic_driver.surface_file import ready_for_lookup
 from model.touch_model import Conditions
 

@@ -23,7 +23,7 @@ def settings(surface, limits):
     return TickSettings(
         finger=FingerSettings(contact_on_n=0.15, contact_off_n=0.10),
         texture=Uniform(0.6),
-        controller=Controller(ControllerSettings(surface)),
+        controller=Controller(ControllerSettings(surface, limits)),
         limits=limits,
         drive=DriveSettings(voltage_rise_v_per_s=10e3),
     )
