@@ -16,12 +16,17 @@ import numpy as np
 
 from haptic_driver.config import RigConfig
 from haptic_driver.errors import BadInputError
+from haptic_driver.limits import OperatingLimits
+from haptic_driver.render.surface import cof_scalar
 from haptic_driver.rig import build_rig
+from haptic_driver.signals import FingerState
+from haptic_driver.surface_file import SurfaceFile, ready_for_lookup
 from hw.simulated.amplifier import SimulatedAmplifier
 from hw.simulated.finger_plant import FingerPlant
 from hw.simulated.force_sensor import SimulatedForceSensor
 from hw.simulated.tcp_server import TcpServer
 from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.transport.contract import Transport
 from hw.transport.memory import Responder
 from hw.transport.tcp import TcpTransport
 from model.effects import BY_NAME
@@ -45,24 +50,23 @@ class SimulatedRig:
     """A rig served on loopback, with the finger that touches it.
 
     `rig` is what a driver sees. `amplifier` keeps the record of what really was at the electrode. `wrap` may put
-    something between the generator and its socket, such as faults. The finger's friction is the model's with the
+    something between the generator and its socket, such as faults; `through` something around the driver's transport,
+    such as a wire log. The finger's friction is the model's with the
     effects that the rig's configuration hides, or `friction`, any function at all; `finger_gain` multiplies it.
     """
 
     def __init__(
-        self, config: RigConfig, model: TouchModel, wrap: _Wrap | None = None, friction: FrictionLaw | None = None
+        self,
+        config: RigConfig,
+        model: TouchModel,
+        wrap: _Wrap | None = None,
+        friction: FrictionLaw | None = None,
+        through: Callable[[Transport], Transport] = lambda transport: transport,
     ) -> None:
         simulation = config.simulation
         law = friction or friction_of(with_hidden(model, simulation.hide))
-        self.amplifier = SimulatedAmplifier(
-            config.amplifier.gain_v_per_v,
-            config.amplifier.voltage_limit_v,
-            voltage_monitor_v_per_v=config.amplifier.voltage_monitor_v_per_v,
-        )
-        self._generator = Simulated33220A(
-            GeneratorLatency(amplitude_s=simulation.amplitude_latency_s, frequency_s=simulation.frequency_latency_s),
-            listener=self.amplifier.drive,  # so that the monitor sees what the generator does between steps
-        )
+        self.amplifier = simulated_amplifier(config)
+        self._generator = simulated_generator(config, self.amplifier)
         core = self._generator if wrap is None else wrap(self._generator)
         self._server = TcpServer(core)
         self.finger_gain = 1.0
@@ -74,7 +78,7 @@ class SimulatedRig:
             self.plant, noise_n=simulation.force_noise_n, range_n=simulation.force_range_n, seed=simulation.seed
         )
         transport = TcpTransport.from_resource(self._server.resource)
-        self.rig = build_rig(config, transport, sensor, self.amplifier, self.amplifier)
+        self.rig = build_rig(config, through(transport), sensor, self.amplifier, self.amplifier)
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
         """Let `dt_s` pass with the finger pressing and sliding so; the rig's outputs act on it."""
@@ -106,6 +110,24 @@ class SimulatedRig:
         self._server.close()
 
 
+def simulated_amplifier(config: RigConfig, interlock: Callable[[], bool] = lambda: True) -> SimulatedAmplifier:
+    """The amplifier as the rig's file describes it, with a contact in series with its enable line."""
+    amplifier = config.amplifier
+    return SimulatedAmplifier(
+        amplifier.gain_v_per_v,
+        amplifier.voltage_limit_v,
+        voltage_monitor_v_per_v=amplifier.voltage_monitor_v_per_v,
+        interlock=interlock,
+    )
+
+
+def simulated_generator(config: RigConfig, amplifier: SimulatedAmplifier) -> Simulated33220A:
+    """The generator that drives it; the amplifier sees also what the generator does between steps."""
+    simulation = config.simulation
+    latency = GeneratorLatency(amplitude_s=simulation.amplitude_latency_s, frequency_s=simulation.frequency_latency_s)
+    return Simulated33220A(latency, listener=amplifier.drive)
+
+
 def friction_of(model: TouchModel) -> FrictionLaw:
     """The model's steady lateral force; without an effect of time, time does not matter to it."""
     ages = any("time_s" in effect.needs for effect in model.description.effects)
@@ -121,6 +143,25 @@ def friction_of(model: TouchModel) -> FrictionLaw:
         load_n = max(normal_force_n, LEAST_FORCE_N)
         seen_s = TIME_STEP_S * round(time_s / TIME_STEP_S) if ages else 0.0
         return cof(frequency_hz, voltage_v, load_n, min(abs(speed_m_s), HIGHEST_SPEED_M_S), seen_s) * normal_force_n
+
+    return friction_n
+
+
+def surface_friction(file: SurfaceFile, limits: OperatingLimits) -> FrictionLaw:
+    """The same from a surface of the finger's model: a thousand times faster, for a finger in real time."""
+    surface = ready_for_lookup(file, limits)
+
+    def friction_n(
+        frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float, time_s: float
+    ) -> float:
+        load_n = max(normal_force_n, LEAST_FORCE_N)
+        cof = cof_scalar(surface, frequency_hz, voltage_v, load_n)
+        if file.correction is not None:
+            finger = FingerState(time_s, 0.0, 0.0, speed_m_s, 0.0, load_n, True)
+            off, gain = file.correction.at(frequency_hz, voltage_v, finger)
+            low = cof_scalar(surface, frequency_hz, 0.0, load_n)
+            cof = off * low + gain * (cof - low)
+        return cof * normal_force_n
 
     return friction_n
 

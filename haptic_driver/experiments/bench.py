@@ -22,6 +22,10 @@ class Bench(Protocol):
     def rig(self) -> Rig:
         """The rig as every driver sees it."""
 
+    @property
+    def time_s(self) -> float:
+        """The clock on which the rig is commanded and watched; it goes on with every step."""
+
     def begin_session(self, session: int, time_s: float) -> None:
         """A finger comes to the rig; the clock of its force readings stands at `time_s`."""
 
@@ -66,6 +70,7 @@ class SimulatedBench:
         noise_seed = int(np.random.default_rng([*self._seed, first_row]).integers(2**31))
         simulation = config.simulation.model_copy(update={"seed": noise_seed})
         self.simulated = SimulatedRig(config.model_copy(update={"simulation": simulation}), model, friction=friction)
+        self._time_s = 0.0
         self._session_gain = 1.0
         self._wobble = 0.0
         self._random = np.random.default_rng(self._seed)
@@ -74,6 +79,11 @@ class SimulatedBench:
     def rig(self) -> Rig:
         """See `Bench`."""
         return self.simulated.rig
+
+    @property
+    def time_s(self) -> float:
+        """See `Bench`."""
+        return self._time_s
 
     def begin_session(self, session: int, time_s: float) -> None:
         """See `Bench`."""
@@ -92,6 +102,7 @@ class SimulatedBench:
         self._wobble = kept * self._wobble + sqrt(1.0 - kept * kept) * float(self._random.standard_normal())
         self.simulated.finger_gain = self._session_gain * (1.0 + self._scatter.wobble * self._wobble)
         self.simulated.step(dt_s, normal_force_n, speed_m_s)
+        self._time_s += dt_s
 
     def __enter__(self) -> Self:
         """Serve the instruments."""

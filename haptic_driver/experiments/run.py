@@ -19,7 +19,7 @@ from haptic_driver.experiments.data_file import DataFile, Identity
 from haptic_driver.experiments.plan import Plan, Row, Setting
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render import drive, safety
-from haptic_driver.rig import OffEvidence, Rig
+from haptic_driver.rig import OffEvidence, Rig, RigState
 from haptic_driver.signals import OperatingPoint
 from model.touch_model import TouchModel
 
@@ -116,16 +116,15 @@ def run(
 def measure_row(experiment: Experiment, bench: Bench, row: Row) -> tuple[Friction, float]:
     """Friction of one row and the time at the middle of its window; the finger is lifted and the output off after."""
     plan, setting = experiment.plan, row.setting
-    load_n, speed_m_s = setting.normal_force_n, setting.speed_m_s
     count = round(plan.average_s / READING_S)
     try:
         _bring_up(experiment, bench, setting)
         steps = ceil(plan.settle_s / SETTLING_STEP_S)
         for _ in range(steps):
-            bench.step(plan.settle_s / steps, load_n, speed_m_s)
+            _slide(bench, plan.settle_s / steps, setting)
         window = np.empty((count, 3))
         for i in range(count):
-            bench.step(READING_S, load_n, speed_m_s)
+            _slide(bench, READING_S, setting)
             reading = bench.rig.read_force()
             if reading.saturated:
                 raise HapticError("saturated", f"the force sensor is at the end of its range ({reading})", "Lower load")
@@ -142,6 +141,15 @@ def measure_row(experiment: Experiment, bench: Bench, row: Row) -> tuple[Frictio
     return measured, float(np.mean(window[:, 0]))
 
 
+def _slide(bench: Bench, dt_s: float, setting: Setting) -> None:
+    """The finger slides on under the output as it is, which is refreshed and looked at."""
+    bench.step(dt_s, setting.normal_force_n, setting.speed_m_s)
+    bench.rig.hold(bench.time_s)
+    if setting.voltage_v > 0.0 and bench.rig.state is not RigState.ON:
+        why = "; ".join(event.reason for event in list(bench.rig.events)[-2:])
+        raise HapticError("output_lost", f"the output went off during {setting}: {why}", "Remove the cause, --resume")
+
+
 def _bring_up(experiment: Experiment, bench: Bench, setting: Setting) -> None:
     """The finger slides, then the voltage rises at the rig's rate, one set point at a time, past the last gate."""
     output = experiment.config.output
@@ -150,12 +158,11 @@ def _bring_up(experiment: Experiment, bench: Bench, setting: Setting) -> None:
     if safe.rejection is not None:
         raise HapticError("refused", f"the safety gate refuses {setting}: {safe.rejection}", "Check the rig's limits")
     rig: Rig = bench.rig
-    state, time_s = drive.INITIAL, 0.0
+    state = drive.INITIAL
     while state.voltage_v < safe.voltage_v:
         bench.step(output.setpoint_interval_s, setting.normal_force_n, setting.speed_m_s)
-        time_s += output.setpoint_interval_s
-        state, command = drive.drive(settings, state, safe, time_s)
-        rig.command(time_s, command)
+        state, command = drive.drive(settings, state, safe, bench.time_s)
+        rig.command(bench.time_s, command)
 
 
 def _session_time_s(experiment: Experiment, data: DataFile, session: int) -> float:

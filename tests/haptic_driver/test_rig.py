@@ -1,18 +1,22 @@
 """The rig as drivers see it: when set points are sent, when it switches off, and what it claims to know then."""
 
 import math
+import time
 
 import pytest
 
 from haptic_driver.config import RigConfig
 from haptic_driver.errors import HapticError
-from haptic_driver.rig import OffEvidence, build_rig
+from haptic_driver.rig import OffEvidence, RigState, SafetySettings, build_rig
+from haptic_driver.rig_guard import RigGuard
 from haptic_driver.signals import DriveCommand
 from hw.amplifier import AmplifierState
 from hw.errors import DeviceTimeout
 from hw.force_sensor import ForceReading
+from hw.interlock import HeartbeatInterlock
 from hw.simulated.amplifier import SimulatedAmplifier
 from hw.simulated.faults import Fault, FaultyInstrument
+from hw.simulated.interlock import SimulatedInterlock
 from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
 from hw.transport.memory import MemoryTransport
 
@@ -50,17 +54,55 @@ class Sensor:
         return ForceReading(0.0, 0.5, 0.3, False)
 
 
+class Monitor:
+    """The voltage monitor, which can be made to lie."""
+
+    lie_v = None
+
+    def __init__(self, amplifier):
+        self.amplifier = amplifier
+
+    def read_v(self):
+        return self.amplifier.read_v() if self.lie_v is None else self.lie_v
+
+
+class Heart:
+    """Counts beats; dies when told to."""
+
+    def __init__(self):
+        self.beats = self.rests = 0
+        self.dead = False
+
+    def beat(self):
+        if self.dead:
+            raise DeviceTimeout("watchdog: it has ended", "start it again")
+        self.beats += 1
+
+    def rest(self):
+        self.rests += 1
+
+
 class Bench:
     """A rig on a generator in memory; settings reach the terminals at once."""
 
-    def __init__(self, config, enable=True, monitor=True):
+    def __init__(self, config, enable=True, monitor=True, **options):
         self.amplifier = SimulatedAmplifier(100.0, 700.0, enabled=not enable)
         self.generator = Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0), listener=self.amplifier.drive)
         self.faults = FaultyInstrument(self.generator)
         self.wire = Wire(self.faults)
         self.sensor = Sensor()
         line = self.amplifier if enable else None
-        self.rig = build_rig(config, MemoryTransport(self.wire), self.sensor, line, self.amplifier if monitor else None)
+        self.monitor = Monitor(self.amplifier)
+        self.rig = build_rig(
+            config,
+            MemoryTransport(self.wire),
+            self.sensor,
+            line,
+            self.monitor if monitor else None,
+            current_monitor=self.amplifier.current_monitor,
+            fault=self.amplifier.fault_line,
+            **options,
+        )
         self.rig.connect()
         self.wire.take()
 
@@ -225,3 +267,231 @@ def test_closing_switches_off_and_says_so(bench):
     bench.rig.command(0.0, on(80.0))
     assert bench.rig.close().output_on is False
     assert bench.voltage_v == 0.0
+
+
+# --- ramps -----------------------------------------------------------------------------------------------------
+
+
+def test_it_comes_on_at_the_minimum_and_rises_by_bounded_steps(bench):
+    """10 kV/s at 10 ms: 100 V per set point, from the generator's minimum of 1 V."""
+    seen = []
+    for tick in range(4):
+        bench.rig.command(0.01 * tick, on(150.0))
+        seen.append(bench.voltage_v)
+    assert seen == pytest.approx([101.0, 150.0, 150.0, 150.0], rel=1e-3)
+    first_on = next(m for m in bench.wire.take() if "OUTP 1" in m)
+    assert bench.amplifier.max_voltage_v <= 150.0 * 1.001
+    assert "VOLT 1" not in first_on  # the output itself comes on before the ramp
+
+
+def test_a_planned_stop_ramps_down_then_generator_then_amplifier(bench):
+    steps = []
+    config_step_v = 100.0
+    stopping = bench.rig
+    stopping._sleep = lambda dt: steps.append((dt, bench.voltage_v))
+    for tick in range(3):
+        stopping.command(0.01 * tick, on(150.0))
+    bench.wire.take()
+    assert stopping.stop().output_on is False
+    assert [v for _, v in steps] == pytest.approx([150.0 - config_step_v, 1.0], rel=1e-3)
+    assert [dt for dt, _ in steps] == [0.01, 0.01]
+    assert "OUTP 0" in bench.wire.take()[2]
+    assert bench.amplifier.read() is False
+
+
+def test_a_planned_stop_that_fails_is_off_at_once(bench):
+    bench.rig.command(0.0, on(80.0))
+    bench.faults.inject(Fault.GARBAGE)
+    assert bench.rig.stop().output_on is False
+    assert bench.voltage_v == 0.0
+
+
+# --- lease, heartbeats, guard ------------------------------------------------------------------------------------
+
+
+def test_output_that_is_not_refreshed_goes_to_zero(bench):
+    bench.rig.command(0.0, on(80.0))
+    bench.rig.watch(0.499)
+    assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
+    bench.rig.hold(0.5)
+    bench.rig.watch(0.999)
+    assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
+    bench.rig.watch(1.01)
+    assert bench.voltage_v == 0.0
+    assert bench.rig.state is RigState.OFF
+    bench.rig.hold(1.02)
+    assert bench.voltage_v == 0.0  # holding what is off does not bring it back
+
+
+def test_a_late_command_starts_again_from_the_minimum(bench):
+    bench.rig.command(0.00, on(100.0))
+    bench.rig.command(0.01, on(150.0))
+    bench.rig.command(2.00, on(150.0))
+    assert bench.voltage_v == pytest.approx(101.0, rel=1e-3)
+
+
+def test_hearts_are_beaten_while_refreshed_and_rest_when_off(rig_config):
+    heart = Heart()
+    bench = Bench(rig_config, heartbeats=[heart])
+    assert heart.beats == 0
+    for tick in range(101):
+        bench.rig.command(1e-3 * tick, on(50.0))
+    assert heart.beats == 3  # at 0, 50 and 100 ms
+    bench.rig.watch(0.3)
+    assert heart.beats == 3  # watching is not the caller's own life
+    bench.rig.hold(0.4)
+    assert heart.beats == 4
+    rests = heart.rests
+    bench.rig.off()
+    assert heart.rests == rests + 1
+
+
+def test_a_dead_heart_switches_off(rig_config):
+    heart = Heart()
+    bench = Bench(rig_config, heartbeats=[heart])
+    bench.rig.command(0.0, on(50.0))
+    heart.dead = True
+    with pytest.raises(HapticError, match="watchdog: it has ended"):
+        bench.rig.command(0.1, on(50.0))
+    assert bench.voltage_v == 0.0
+
+
+def test_a_heart_does_not_rest_while_the_output_is_unknown(rig_config):
+    heart = Heart()
+    bench = Bench(rig_config, enable=False, monitor=False, heartbeats=[heart])
+    bench.rig.command(0.0, on(50.0))
+    rests = heart.rests
+    bench.faults.inject(Fault.HANG, count=math.inf)
+    assert bench.rig.off().output_on is None
+    assert heart.rests == rests
+
+
+@pytest.mark.timeout(60)
+def test_a_guard_switches_off_for_a_caller_that_stalls(rig_config):
+    bench = Bench(rig_config, safety=SafetySettings(lease_s=0.2))
+    with RigGuard(bench.rig, period_s=0.01):
+        bench.rig.command(time.monotonic(), on(50.0))
+        give_up_s = time.monotonic() + 30.0
+        while bench.amplifier.voltage_v > 0.0:
+            assert time.monotonic() < give_up_s
+            time.sleep(0.01)
+    assert bench.rig.state is RigState.OFF
+
+
+# --- trips -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lie_v", [0.0, 0.3, 1.2])  # at 0.01 V per V: 0, 30 and 120 V
+def test_a_monitor_that_contradicts_the_command_latches_a_trip(bench, lie_v):
+    bench.rig.command(0.0, on(80.0))
+    bench.rig.hold(0.1)
+    bench.monitor.lie_v = lie_v
+    with pytest.raises(HapticError) as tripped:
+        bench.rig.hold(0.3)
+    assert tripped.value.code == "tripped"
+    assert bench.voltage_v == 0.0
+    assert bench.rig.state is RigState.TRIPPED
+    bench.monitor.lie_v = None
+    with pytest.raises(HapticError, match=r"rig is tripped: the monitor reads .* where 80\.\.80 V were commanded"):
+        bench.rig.command(0.4, on(80.0))
+    bench.rig.command(0.5, OFF)  # off needs no permission
+    bench.rig.reset_trip()
+    bench.rig.command(1.0, on(80.0))
+    assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
+
+
+def test_the_monitor_may_lag_by_the_settling_time_and_be_off_by_the_tolerance(bench):
+    bench.rig.command(0.0, on(80.0))
+    bench.monitor.lie_v = 0.0
+    bench.rig.hold(0.14)
+    bench.monitor.lie_v = 0.87  # 8.75 % high
+    bench.rig.hold(0.3)
+    bench.rig.command(0.31, on(40.0))
+    bench.rig.hold(0.4)
+    assert bench.rig.state is RigState.ON
+
+
+def test_a_trip_stays_while_its_reason_may(bench):
+    bench.rig.command(0.0, on(80.0))
+    bench.monitor.lie_v = 2.0
+    with pytest.raises(HapticError, match="monitor reads 200 V"):
+        bench.rig.hold(0.3)
+    with pytest.raises(HapticError) as remains:
+        bench.rig.reset_trip()
+    assert remains.value.code == "trip_remains"
+    bench.monitor.lie_v = None
+    bench.rig.reset_trip()
+    assert bench.rig.state is RigState.OFF
+    assert bench.rig.trip_reason is None
+
+
+def test_voltage_that_appears_while_off_is_a_trip(bench):
+    bench.monitor.lie_v = 0.5
+    with pytest.raises(HapticError, match=r"the monitor reads 50 V where 0\.\.0 V were commanded"):
+        bench.rig.watch(1.0)
+
+
+def test_an_amplifier_that_trips_or_loses_its_enable_line_is_a_trip(bench):
+    bench.rig.command(0.0, on(80.0))
+    bench.amplifier.trip()
+    with pytest.raises(HapticError, match="fault line says fault"):
+        bench.rig.hold(0.01)
+    bench.rig.reset_trip()
+    bench.rig.command(1.0, on(80.0))
+    bench.amplifier.write(False)  # an E-stop in the line
+    with pytest.raises(HapticError, match="enable line reads low: interlock or E-stop"):
+        bench.rig.command(1.1, on(81.0))
+
+
+def test_every_change_of_state_is_told_once_with_its_reason(rig_config):
+    told = []
+    bench = Bench(rig_config, on_event=told.append)
+    bench.rig.command(0.0, on(80.0))
+    bench.rig.command(0.1, on(90.0))
+    bench.rig.command(0.2, OFF)
+    bench.rig.off()
+    assert [(event.time_s, event.state) for event in told[1:]] == [(0.0, RigState.ON), (0.2, RigState.OFF)]
+    assert told[0].state is RigState.OFF
+    assert "generator says off" in told[2].reason
+    assert list(bench.rig.events) == told
+
+
+@pytest.mark.parametrize("name", ["lease_s", "settle_s", "monitor_tolerance", "ramp_down_s"])
+def test_senseless_safety_settings_are_refused(name):
+    with pytest.raises(ValueError, match=name):
+        SafetySettings(**{name: 0.0})
+
+
+def test_an_off_that_was_not_heard_is_tried_again(rig_config):
+    bench = Bench(rig_config, enable=False, monitor=False)
+    bench.rig.command(0.0, on(80.0))
+    bench.faults.inject(Fault.HANG, count=2)
+    with pytest.raises(HapticError, match="may still be on"):
+        bench.rig.command(0.1, OFF)
+    assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
+    bench.rig.command(0.2, OFF)  # too early to try again
+    assert bench.rig.state is RigState.UNKNOWN
+    bench.rig.command(0.7, OFF)
+    assert bench.voltage_v == 0.0
+    assert bench.rig.state is RigState.OFF
+
+
+def test_an_interlock_box_opens_by_itself_when_the_caller_stalls(rig_config):
+    """The box is enable line and heartbeat at once; nobody calls the rig any more, and nobody needs to."""
+    clock_s = [0.0]
+    box = SimulatedInterlock(lambda: clock_s[0])
+    interlock = HeartbeatInterlock(MemoryTransport(box))
+    interlock.connect()
+    amplifier = SimulatedAmplifier(100.0, 700.0, enabled=True, interlock=lambda: box.closed)
+    generator = Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0), listener=amplifier.drive)
+    rig = build_rig(rig_config, MemoryTransport(generator), Sensor(), interlock, amplifier, heartbeats=[interlock])
+    rig.connect()
+    for tick in range(1000):
+        clock_s[0] = 1e-3 * tick
+        rig.command(clock_s[0], on(80.0))
+        assert amplifier.voltage_v == pytest.approx(80.0, rel=1e-3)
+    clock_s[0] += 0.25
+    assert amplifier.voltage_v == 0.0
+    with pytest.raises(HapticError, match=r"has opened its contact \(silent\)"):
+        rig.command(clock_s[0], on(80.0))
+    assert rig.state is RigState.OFF

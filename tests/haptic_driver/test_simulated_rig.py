@@ -25,7 +25,7 @@ GRATING = Grating(0.70, 0.10, 10e-3)
 def stages(surface, limits, rig_config):
     def make(texture):
         finger = FingerSettings(**rig_config.finger.model_dump(), output_latency_s=rig_config.output.latency_s)
-        controller = Controller(ControllerSettings(surface))
+        controller = Controller(ControllerSettings(surface, limits))
         return TickSettings(finger, texture, controller, limits, DriveSettings(rig_config.output.voltage_rise_v_per_s))
 
     return make

@@ -340,3 +340,37 @@ def test_what_cannot_be_hidden_is_named(
     with pytest.raises(BadInputError, match=said) as caught:
         SimulatedBench(hiding(config, hide), model, seed=1)
     assert hint in caught.value.hint
+
+
+class Jumping(SimulatedBench):
+    """Settles in steps longer than the lease: nobody refreshes the output meanwhile."""
+
+    def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
+        super().step(dt_s, normal_force_n, speed_m_s)
+        self._time_s += 1.0
+
+
+def test_the_output_is_held_through_settling_and_averaging(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    """Settling and averaging take longer than the lease; each step refreshes it, on the clock that commands."""
+    experiment = prepare(config, model, replace(small_plan(), sessions=1, repeats=1, settle_s=1.0, average_s=0.5))
+    bench = measured(experiment, tmp_path / "held.csv")
+    on = sum(row.setting.voltage_v > 0.0 for row in experiment.rows)
+    assert on > 0
+    assert bench.simulated.amplifier.output_on_s == pytest.approx(on * 1.5, abs=0.2)  # and the ramp up
+    assert "not refreshed" not in {event.reason[:13] for event in bench.rig.events}
+
+
+def test_a_row_whose_output_was_lost_is_not_a_row(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+    experiment = prepare(config, model, small_plan())
+    bench = Jumping(config, model, seed=1)
+    with (
+        DataFile.create(tmp_path / "stalled.csv", experiment.identity()) as data,
+        bench,
+        pytest.raises(HapticError, match="not refreshed") as error,
+    ):
+        run(experiment, bench, data)
+    assert error.value.code == "output_lost"
+    assert all(float(row["voltage_v"]) == 0.0 for row in table(tmp_path / "stalled.csv"))
+    assert bench.simulated.amplifier.voltage_v == 0.0

@@ -1,0 +1,59 @@
+"""`haptic doctor`: checks a rig without energising it."""
+
+from __future__ import annotations
+
+import datetime
+from collections import Counter
+from contextlib import ExitStack
+
+from rich.table import Table
+
+from haptic_driver.cli.output import Json, RigOption, report, stdout
+from haptic_driver.config import RigConfig, load_model, load_rig
+from haptic_driver.doctor import Check, Status, examine
+
+COLOURS = {Status.OK: "green", Status.WARNING: "yellow", Status.FAILED: "red", Status.NOT_VERIFIED: "cyan"}
+
+
+def doctor(rig: RigOption = "simulated", as_json: Json = False) -> int:
+    """Check a rig without energising it: identity, settings, limits, monitors, calibration dates, scheduling.
+
+    Only questions are asked. What could not be verified is said too. Exit status 1 when a check failed. The devices of
+    a simulated rig are served for the occasion and asked over the same wires.
+
+    Example: `haptic doctor --rig simulated`
+    """
+    config = load_rig(rig)
+    today = datetime.date.today()
+    with ExitStack() as serving:
+        if config.simulated:
+            today = config.limits.measured_at or today  # what is simulated does not age
+        checks = examine(_served(config, serving) if config.simulated else config, today)
+    failed = any(check.status is Status.FAILED for check in checks)
+    payload = {
+        "rig": config.name,
+        "simulated": config.simulated,
+        "ok": not failed,
+        "checks": [{**check._asdict(), "status": check.status.value} for check in checks],
+    }
+    report(as_json, payload, lambda: _show(config, checks))
+    return int(failed)
+
+
+def _served(config: RigConfig, serving: ExitStack) -> RigConfig:
+    from haptic_driver.served_rig import ServedRig, as_real  # noqa: PLC0415 - a real rig needs no model
+    from model.touch_model import TouchModel  # noqa: PLC0415
+
+    touch = TouchModel(load_model(config.simulation.model or "reference"))
+    return as_real(config, serving.enter_context(ServedRig(config, touch)).endpoints)
+
+
+def _show(config: RigConfig, checks: list[Check]) -> None:
+    table = Table("check", "status", "found", box=None, pad_edge=False)
+    for check in checks:
+        found = check.message + (f"\n[dim]{check.hint}[/]" if check.hint else "")
+        table.add_row(check.name, f"[{COLOURS[check.status]}]{check.status.value}[/]", found)
+    stdout.print(f"rig {config.name}{', [bold]simulated[/]' if config.simulated else ''}; nothing was energised")
+    stdout.print(table)
+    counts = Counter(check.status for check in checks)
+    stdout.print(", ".join(f"{counts[status]} {status.value}" for status in Status if counts[status]))

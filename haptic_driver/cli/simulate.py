@@ -1,0 +1,83 @@
+"""`haptic simulate`: the simulated instruments of a rig, served until interrupted."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated
+
+import typer
+
+from haptic_driver.cli.output import Json, ModelOption, RigOption, stdout
+from haptic_driver.config import RigConfig, load_model, load_rig
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.served_rig import ServedRig
+from model.touch_model import TouchModel
+
+STEP_S = 0.002
+
+
+def simulate(
+    rig: RigOption = "simulated",
+    model: ModelOption = "reference",
+    port: Annotated[
+        int, typer.Option("--port", min=0, max=65535, help="TCP port of the waveform generator; 0: any free one.")
+    ] = 0,
+    as_json: Json = False,
+) -> None:
+    """Serve the simulated instruments of a rig on loopback until interrupted, for any software to talk to.
+
+    The waveform generator over TCP and on a pseudo-terminal, the interlock box likewise, the stage on a
+    pseudo-terminal, the Net F/T box over UDP; where they are is printed once all answer. Time is real. Ctrl-C ends it.
+
+    Example: `haptic simulate --rig simulated --port 5025`
+    """
+    config = load_rig(rig)
+    if not config.simulated:
+        raise BadInputError("not_simulated", f"rig {config.name} is not simulated", "Name one that is, e.g. simulated")
+    touch = TouchModel(load_model(config.simulation.model or model))
+    with _interrupted() as ended, _served(config, touch, port) as served:
+        _tell(served.endpoints, as_json)
+        before_s = time.monotonic()
+        while not ended.wait(STEP_S):
+            now_s = time.monotonic()
+            served.advance(now_s - before_s)
+            before_s = now_s
+
+
+def _served(config: RigConfig, touch: TouchModel, port: int) -> ServedRig:
+    try:
+        return ServedRig(config, touch, generator_port=port)
+    except OSError as error:
+        raise HapticError(
+            "port_taken", f"port {port} cannot be had ({error})", "Choose another --port, or 0"
+        ) from error
+
+
+def _tell(endpoints: dict[str, str], as_json: bool) -> None:
+    if as_json:
+        sys.stdout.write(json.dumps({"endpoints": endpoints}) + "\n")
+    else:
+        for name, where in endpoints.items():
+            stdout.print(f"{name:26} {where}")
+        stdout.print("[bold]simulated[/]; Ctrl-C ends it")
+    sys.stdout.flush()
+
+
+@contextmanager
+def _interrupted() -> Iterator[threading.Event]:
+    """Set by SIGINT or SIGTERM, which then end nothing by themselves."""
+    ended = threading.Event()
+    before = {
+        number: signal.signal(number, lambda number, frame: ended.set()) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield ended
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,220 @@
+"""A rig's file becomes devices: every driver of a real rig, on instruments served over their own wires."""
+
+import threading
+import time
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from haptic_driver import devices as devices_module
+from haptic_driver.config import load_rig
+from haptic_driver.devices import connect_devices, finger_sample
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.rig import RigState
+from haptic_driver.served_rig import ServedRig, as_real
+from haptic_driver.signals import DriveCommand
+from hw.errors import DeviceError
+from hw.finger_tracker import FingerReading
+from hw.force_sensor import ForceReading
+
+SIMULATED = Path(__file__).parents[2] / "configs" / "rigs" / "simulated.toml"
+ON = DriveCommand(250.0, 80.0, True)
+
+
+@pytest.fixture
+def served(rig_config, touch):
+    with ServedRig(rig_config, touch) as rig:
+        ended = threading.Event()
+        world = threading.Thread(target=pass_time, args=(rig, ended))
+        world.start()
+        try:
+            yield rig
+        finally:
+            ended.set()
+            world.join()
+
+
+def pass_time(rig, ended):
+    while not ended.wait(0.002):
+        rig.advance(0.002)
+
+
+def wait_for(condition, timeout_s=20.0):
+    deadline_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline_s, "did not happen"
+        time.sleep(0.01)
+
+
+def drive_until(devices, condition):
+    def driven():
+        devices.rig.command(time.monotonic(), ON)
+        return condition()
+
+    wait_for(driven)
+
+
+def test_a_whole_rig_comes_on_is_felt_and_goes_off(rig_config, served):
+    config = as_real(rig_config, served.endpoints)
+    devices = connect_devices(config)
+    with devices:
+        assert devices.rig.state is RigState.OFF
+        assert served.amplifier.max_voltage_v == 0.0
+        assert not devices.tracker.read().touching  # the stage is not homed
+        devices.stage.home()
+        wait_for(lambda: devices.tracker.read().touching)
+        drive_until(devices, lambda: served.amplifier.voltage_v == pytest.approx(80.0, rel=1e-3))
+        assert served.interlock.closed
+        assert devices.rig.state is RigState.ON
+        sample = finger_sample(devices.tracker.read(), devices.force_sensor.read())
+        assert sample.position_x_m == pytest.approx(0.0, abs=1e-4)  # home
+        assert sample.position_y_m == 0.03
+        assert sample.normal_force_n == pytest.approx(0.5, abs=0.05)  # ServedRig's finger, its noise 3 mN
+        watchdog = devices.watchdog.pid
+        assert watchdog is not None
+    assert served.amplifier.voltage_v == 0.0
+    assert not served.interlock.closed
+    assert not served.generator.output().on
+    assert devices.watchdog.pid is None
+
+
+def test_what_fails_on_the_way_closes_what_was_opened(rig_config, served):
+    config = as_real(rig_config, served.endpoints)
+    config = config.model_copy(update={"force_sensor": config.force_sensor.model_copy(update={"port": 1})})
+    devices = connect_devices(config)
+    with pytest.raises(DeviceError), devices:
+        pytest.fail("opened without a force sensor")
+    assert devices.watchdog.pid is None
+    with connect_devices(as_real(rig_config, served.endpoints)):  # every port is free again
+        pass
+
+
+def test_an_unverified_rig_connects_and_refuses_to_come_on(rig_config, served):
+    config = as_real(rig_config, served.endpoints)
+    config = config.model_copy(update={"limits": config.limits.model_copy(update={"measured_by": ""})})
+    with connect_devices(config) as devices:
+        with pytest.raises(HapticError) as error:
+            devices.rig.command(time.monotonic(), ON)
+        assert error.value.code == "unverified"
+        assert "limits.measured_by" in error.value.message
+        with pytest.raises(HapticError):
+            devices.rig.check_verified()
+    assert served.amplifier.max_voltage_v == 0.0
+
+
+def test_a_rig_that_is_simulated_or_feels_nothing_has_no_devices(rig_config):
+    with pytest.raises(BadInputError, match="simulated"):
+        connect_devices(rig_config)
+    without = load_rig("template").model_copy(update={"force_sensor": None, "analog_inputs": None})
+    with pytest.raises(BadInputError, match="force sensor"):
+        connect_devices(without)
+
+
+# --- a card for gauges and monitors ------------------------------------------------------------------------------
+
+AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+CARD = """
+[analog_inputs]
+sample_rate_hz = 10e3
+monitor_window_s = 0.02
+[force_sensor]
+kind = "ni"
+gauges = ["Dev1/ai0", "Dev1/ai1", "Dev1/ai2", "Dev1/ai3", "Dev1/ai4", "Dev1/ai5"]
+calibration_file = "unity.cal"
+samples_per_reading = 10
+samples_per_bias = 100
+normal_axis = "-z"
+lateral_axis = "x"
+[watchdog]
+generator = "none"
+"""
+
+
+class Card:
+    """Stands in for `NiAnalogInputs`: sines on its channels, 1 N per V on the gauges once `loaded`."""
+
+    made: ClassVar[list["Card"]] = []
+    loaded = False
+
+    def __init__(self, channels, *, sample_rate_hz, **rest):
+        self.channels, self.rate_hz, self.rest = tuple(channels), sample_rate_hz, rest
+        self.opened = self.closed = 0
+        Card.made.append(self)
+
+    def open(self):
+        self.opened += 1
+
+    def close(self):
+        self.closed += 1
+
+    def columns(self, names):
+        return _Columns(self, [self.channels.index(name) for name in names])
+
+    def latest_v(self, count):
+        time_s = np.arange(count) / self.rate_hz
+        gauges_v = np.tile([0.3, 0.0, -0.5, 0.0, 0.0, 0.0], (count, 1)) * self.loaded + 0.1
+        monitors_v = np.outer(np.sin(2.0 * np.pi * 250.0 * time_s), [0.8, 0.02])
+        return np.hstack([gauges_v, monitors_v])
+
+
+class _Columns:
+    def __init__(self, card, columns):
+        self.card, self.columns = card, columns
+
+    def latest_v(self, count):
+        return self.card.latest_v(count)[:, self.columns]
+
+
+def test_gauges_and_monitors_share_one_task_and_monitors_tell_the_peak(tmp_path, monkeypatch, served):
+    rows = "".join(
+        f'<UserAxis Name="{name}" values="{" ".join(str(float(i == j)) for j in range(6))}" max="50"/>'
+        for i, name in enumerate(AXES)
+    )
+    (tmp_path / "unity.cal").write_text(
+        '<FTSensor Serial="FT1" NumGages="6"><Calibration PartNumber="SI" CalDate="1/1/2024" ForceUnits="N" '
+        f'TorqueUnits="N-m" DistUnits="m" OutputRange="20">{rows}</Calibration></FTSensor>'
+    )
+    text = SIMULATED.read_text(encoding="utf-8").replace("simulated = true", "simulated = false")
+    text = text.replace('resource = "simulated"', f'resource = "{served.endpoints["waveform_generator"]}"')
+    lines = 'voltage_monitor = "Dev1/ai6"\ncurrent_monitor = "Dev1/ai7"\n'
+    text = text.replace("voltage_monitor_v_per_v", lines + "voltage_monitor_v_per_v") + CARD
+    (tmp_path / "card.toml").write_text(text, encoding="utf-8")
+    monkeypatch.setattr(devices_module, "NiAnalogInputs", Card)
+    monkeypatch.setattr(Card, "made", [])
+    config = load_rig(str(tmp_path / "card.toml"))
+    devices = connect_devices(config)
+    (card,) = Card.made
+    assert card.channels == tuple(f"Dev1/ai{i}" for i in range(8))
+    assert devices.watchdog is None
+    # 0.8 V peak at 0.01 V/V: 80 V at the electrode, whose mean would be 0; the rig does not take that for off
+    with pytest.raises(HapticError, match="monitor reads 80 V"), devices:
+        pytest.fail("connected under voltage")
+    assert card.closed == 1
+    monkeypatch.setattr(Card, "loaded", True)
+    devices.force_sensor.take_bias()
+    monkeypatch.setattr(Card, "loaded", False)
+    reading = devices.force_sensor.read()
+    assert (reading.normal_force_n, reading.lateral_force_n) == pytest.approx((-0.5, -0.3))
+
+
+# --- position and force -> sample --------------------------------------------------------------------------------
+
+HERE = FingerReading(3.0, 0.01, 0.02, True)
+FELT = ForceReading(3.1, 0.5, -0.3, False)
+
+
+def test_a_touch_has_place_and_forces():
+    assert finger_sample(HERE, FELT) == (3.0, 0.01, 0.02, 0.5, -0.3)
+
+
+@pytest.mark.parametrize("finger", [HERE._replace(touching=False), HERE._replace(position_x_m=float("nan"))])
+def test_without_a_touch_or_a_place_nothing_presses(finger):
+    assert finger_sample(finger, FELT).normal_force_n == 0.0
+
+
+def test_a_saturated_reading_has_no_friction():
+    sample = finger_sample(HERE, FELT._replace(saturated=True))
+    assert np.isnan(sample.lateral_force_n)
+    assert sample.normal_force_n == 0.5

@@ -1,0 +1,171 @@
+"""The doctor asks only questions, and says what it could not verify."""
+
+import datetime
+import json
+from pathlib import Path
+
+import pytest
+
+from haptic_driver import doctor
+from haptic_driver.doctor import Status, examine
+from haptic_driver.served_rig import ServedRig, as_real
+from hw.simulated.tcp_server import TcpServer
+from hw.simulated.waveform_generator import Simulated33220A
+
+PAPER = Path(__file__).parents[2] / "configs" / "rigs" / "paper.toml"
+TODAY = datetime.date(2024, 6, 1)
+SETTINGS = b"FUNC?;FREQ?;VOLT?;VOLT:OFFS?;VOLT:UNIT?;OUTP?;OUTP:LOAD?;AM:STAT?;SYST:ERR?\n"
+
+
+class Heard:
+    """Keeps every message that reaches an instrument."""
+
+    def __init__(self, core):
+        self.core = core
+        self.messages = []
+
+    def handle(self, data):
+        self.messages.append(data.decode())
+        return self.core.handle(data)
+
+
+@pytest.fixture
+def served(rig_config, touch):
+    with ServedRig(rig_config, touch) as rig:
+        yield rig
+
+
+def found(checks, name):
+    (check,) = [check for check in checks if check.name == name]
+    return check
+
+
+def statuses(checks):
+    return {(check.name, check.status) for check in checks}
+
+
+def with_generator(config, resource):
+    generator = config.waveform_generator.model_copy(update={"resource": resource, "reply_timeout_s": 0.2})
+    watchdog = config.watchdog.model_copy(update={"generator": resource})
+    return config.model_copy(update={"waveform_generator": generator, "watchdog": watchdog})
+
+
+def test_nothing_is_set_and_nothing_comes_on(rig_config, served):
+    """Whatever is programmed stays; not one message to the generator is anything but a question."""
+    served.generator.handle(b"FUNC SQU;FREQ 777;VOLT 3.3;VOLT:OFFS 0.5;BOGUS\n")
+    generator = Heard(served.generator)
+    before = Simulated33220A()  # the same, to compare with
+    before.handle(b"FUNC SQU;FREQ 777;VOLT 3.3;VOLT:OFFS 0.5;BOGUS\n")
+    with TcpServer(generator) as server:
+        checks = examine(with_generator(as_real(rig_config, served.endpoints), server.resource), TODAY)
+    assert generator.messages
+    assert all(m.strip().endswith("?") and ";" not in m and " " not in m.strip() for m in generator.messages)
+    assert served.generator.handle(SETTINGS) == before.handle(SETTINGS)  # the error queue too
+    assert not served.generator.output().on
+    assert served.amplifier.max_voltage_v == 0.0
+    assert not served.interlock.closed
+    assert not served.stage.moving
+    assert found(checks, "output").status is Status.OK
+    assert "SQU, 3.3 VPP, offset 0.5 V" in found(checks, "output").message
+
+
+def test_a_sound_rig(rig_config, served):
+    checks = examine(as_real(rig_config, served.endpoints), TODAY)
+    assert {
+        ("waveform generator", Status.OK), ("watchdog", Status.OK), ("interlock", Status.OK),
+        ("force sensor", Status.OK), ("stage", Status.OK), ("amplifier", Status.NOT_VERIFIED),
+        ("voltage monitor", Status.NOT_VERIFIED), ("limits figures", Status.OK), ("load setting", Status.WARNING),
+        ("firmware", Status.NOT_VERIFIED),
+    } <= statuses(checks)  # fmt: skip
+    assert Status.FAILED not in {check.status for check in checks}
+    assert "2.02-2.02-22-2" in found(checks, "firmware").message
+
+
+def test_what_somebody_left_on_is_told(rig_config, served):
+    served.generator.handle(b"OUTP:LOAD INF;:OUTP 1\n")
+    checks = examine(as_real(rig_config, served.endpoints), TODAY)
+    assert found(checks, "output").status is Status.WARNING
+    assert found(checks, "load setting").status is Status.OK
+    assert served.generator.handle(b"OUTP?\n") == b"1\n"  # it is somebody else's
+
+
+class Stranger:
+    def handle(self, data):
+        return b"ACME,4711,1,1\n"
+
+
+def test_another_instrument_at_the_address_fails(rig_config, served):
+    with TcpServer(Stranger()) as server:
+        checks = examine(with_generator(as_real(rig_config, served.endpoints), server.resource), TODAY)
+    check = found(checks, "waveform generator")
+    assert check.status is Status.FAILED
+    assert "ACME" in check.message
+    assert check.hint
+
+
+class Mute:
+    def handle(self, data):
+        return b""
+
+
+def test_an_absent_rig_fails_device_by_device_with_hints(rig_config, touch):
+    """Every device is asked, whatever the others say."""
+    with ServedRig(rig_config, touch) as served:
+        config = as_real(rig_config, served.endpoints)
+    checks = examine(config, TODAY)
+    failed = {check.name for check in checks if check.status is Status.FAILED}
+    assert {"waveform generator", "interlock", "force sensor", "stage"} <= failed
+    assert all(check.hint for check in checks if check.status is Status.FAILED)
+
+
+def test_a_silent_instrument_does_not_hold_it_up(rig_config, served):
+    with TcpServer(Mute()) as server:
+        config = with_generator(as_real(rig_config, served.endpoints), server.resource)
+        checks = examine(config, TODAY)
+    assert found(checks, "waveform generator").status is Status.FAILED
+    assert found(checks, "stage").status is Status.OK
+
+
+@pytest.mark.parametrize(
+    ("today", "status"),
+    [
+        (datetime.date(2024, 1, 1), Status.OK),
+        (datetime.date(2024, 12, 31), Status.OK),
+        (datetime.date(2025, 1, 2), Status.WARNING),
+        (datetime.date(2023, 12, 31), Status.WARNING),
+    ],
+)
+def test_figures_age_in_a_year_and_are_not_of_the_future(rig_config, today, status):
+    checks = list(doctor._figures(rig_config, today))  # measured 2024-01-01
+    assert [check.status for check in checks] == [status, status]
+
+
+def test_only_questions_can_be_asked():
+    with pytest.raises(ValueError, match="no question"):
+        doctor._ask(None, "OUTP 1", 1.0)
+    with pytest.raises(ValueError, match="no question"):
+        doctor._ask(None, "OUTP 1;:OUTP?", 1.0)
+
+
+def test_the_command_on_the_simulated_rig(haptic):
+    done = haptic("doctor", "--rig", "simulated", "--json")
+    assert done.status == 0
+    said = json.loads(done.out)
+    assert said["rig"] == "simulated"
+    assert said["simulated"] is True
+    assert said["ok"] is True
+    assert {check["status"] for check in said["checks"]} <= {"ok", "warning", "failed", "not verified"}
+    assert all(set(check) == {"name", "status", "message", "hint"} for check in said["checks"])
+
+
+def test_the_command_on_a_rig_that_is_not_there(haptic, tmp_path):
+    """The paper's rig with addresses of this machine where nothing listens."""
+    text = PAPER.read_text(encoding="utf-8").replace("192.168.0.5::5025", "127.0.0.1::9")
+    (tmp_path / "away.toml").write_text(text, encoding="utf-8")
+    done = haptic("doctor", "--rig", tmp_path / "away.toml", "--json")
+    assert done.status == 1
+    said = json.loads(done.out)
+    assert said["ok"] is False
+    failed = [check for check in said["checks"] if check["status"] == "failed"]
+    assert any("limits.measured_by" in check["message"] for check in failed)
+    assert {"waveform generator", "force sensor", "stage"} <= {check["name"] for check in failed}

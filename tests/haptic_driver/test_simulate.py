@@ -1,0 +1,137 @@
+"""`haptic simulate` in a process of its own, talked to by software that is not ours."""
+
+import json
+import signal
+import socket
+import struct
+import subprocess
+import sys
+
+import pytest
+import serial
+from pymeasure.instruments.agilent import Agilent33220A
+
+TIMEOUT_S = 120.0  # of a busy machine
+
+
+@pytest.fixture(scope="module")
+def process():
+    command = [sys.executable, "-c", "from haptic_driver.cli.main import run; run()", "simulate", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        yield running
+        running.kill()
+
+
+@pytest.fixture(scope="module")
+def endpoints(process):
+    return json.loads(process.stdout.readline())["endpoints"]
+
+
+def tcp(resource):
+    _, host, port, kind = resource.split("::")
+    assert kind == "SOCKET"
+    connection = socket.create_connection((host, int(port)), timeout=TIMEOUT_S)
+    return connection, connection.makefile("rwb", buffering=0)
+
+
+def asked(stream, line):
+    stream.write(line + b"\n")
+    return stream.readline().strip()
+
+
+def test_a_bare_socket_talks_to_the_generator(endpoints):
+    connection, stream = tcp(endpoints["waveform_generator"])
+    with connection, stream:
+        assert asked(stream, b"*IDN?").split(b",")[1] == b"33220A"
+        assert asked(stream, b"FREQ 1234;:FREQ?") == b"+1.2340000000000E+03"
+        assert asked(stream, b"OUTP?") == b"0"
+
+
+@pytest.mark.filterwarnings("ignore:It is not known:FutureWarning")  # pymeasure about itself
+def test_pymeasure_drives_it(endpoints):
+    generator = Agilent33220A(
+        endpoints["waveform_generator"], visa_library="@py", read_termination="\n", write_termination="\n", timeout=9000
+    )
+    try:
+        generator.shape = "SQUARE"
+        generator.frequency = 4700
+        assert generator.frequency == 4700
+        assert generator.shape == "SQU"
+    finally:
+        generator.adapter.close()
+
+
+def test_the_same_instrument_is_on_the_pseudo_terminal(endpoints):
+    connection, stream = tcp(endpoints["waveform_generator"])
+    port = endpoints["waveform_generator_serial"].removeprefix("ASRL").removesuffix("::INSTR")
+    with connection, stream, serial.Serial(port, 115200, timeout=TIMEOUT_S) as line:
+        assert asked(stream, b"FREQ 321;:FREQ?") == b"+3.2100000000000E+02"
+        line.write(b"FREQ?\n")
+        assert line.readline().strip() == b"+3.2100000000000E+02"
+
+
+def test_the_interlock_box_answers_on_both_its_ends_and_opens_by_itself(endpoints):
+    connection, stream = tcp(endpoints["interlock_tcp"])
+    port = endpoints["interlock"].removeprefix("ASRL").removesuffix("::INSTR")
+    with connection, stream, serial.Serial(port, 115200, timeout=TIMEOUT_S) as line:
+        line.write(b"ID?\n")
+        assert line.readline() == b"HAPTIC-INTERLOCK 1\n"
+        while (
+            asked(stream, b"STATUS?") != b"OFF SILENT 7"
+        ):  # 200 ms after a beat that may come too late on a busy machine
+            assert asked(stream, b"BEAT 7").endswith(b" 7")
+            asked(stream, b"ENABLE")
+            while asked(stream, b"STATUS?").startswith(b"ON"):
+                pass
+
+
+def test_the_stage_says_what_it_is(endpoints):
+    port = endpoints["stage"].removeprefix("ASRL").removesuffix("::INSTR")
+    with serial.Serial(port, 115200, timeout=TIMEOUT_S) as line:
+        line.write(bytes.fromhex("050000005001"))  # req_info
+        answer = b""
+        while b"LTS150" not in answer:
+            answer += line.read(1)
+    assert b"\x06\x00" in answer  # get_info, 0x0006
+
+
+def test_the_force_sensor_streams_records_in_order(endpoints):
+    host, port = endpoints["force_sensor"].split(":")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.settimeout(TIMEOUT_S)
+        client.sendto(struct.pack(">HHI", 0x1234, 2, 5), (host, int(port)))
+        records = [struct.unpack(">IIIiiiiii", client.recv(36)) for _ in range(5)]
+    first = records[0][0]
+    assert [record[0] for record in records] == [first + i for i in range(5)]
+    assert all(abs(counts) < 1e5 for record in records for counts in record[3:])  # no finger yet: noise of 3 mN
+
+
+def test_it_ends_cleanly_when_told(process, endpoints):
+    """Last of all, as the others use the same process."""
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=TIMEOUT_S)
+    assert (process.returncode, out, err) == (0, "", "")
+    _, host, port, _ = endpoints["waveform_generator"].split("::")
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection((host, int(port)), timeout=TIMEOUT_S)
+
+
+def test_sigterm_ends_it_too_and_a_port_can_be_chosen():
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    command = [sys.executable, "-c", "from haptic_driver.cli.main import run; run()", "simulate", "--port", str(port)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        assert running.stdout.readline().split() == ["waveform_generator", f"TCPIP::127.0.0.1::{port}::SOCKET"]
+        running.terminate()
+        _, err = running.communicate(timeout=TIMEOUT_S)
+    assert (running.returncode, err) == (0, "")
+
+
+def test_what_cannot_be_served_is_said(haptic, tmp_path):
+    done = haptic("simulate", "--rig", "paper", "--json")
+    assert done.status == 2
+    assert json.loads(done.out)["error"]["code"] == "not_simulated"
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        done = haptic("simulate", "--port", taken.getsockname()[1], "--json")
+    assert done.status == 1
+    assert json.loads(done.out)["error"]["code"] == "port_taken"
