@@ -1,0 +1,253 @@
+"""`haptic arm`, `set`, `off`, `disarm`, `status`, `record`, `reset`: what a client asks of the daemon."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from haptic_driver.cli.daemon import SocketOption
+from haptic_driver.cli.output import Json, report, stdout
+from haptic_driver.daemon.private_file import write_private
+from haptic_driver.daemon.processes import default_socket
+from haptic_driver.errors import BadInputError, HapticError
+
+if TYPE_CHECKING:
+    from haptic_driver.client import HapticClient, Session
+    from haptic_driver.daemon.records import Status
+
+POLL_S = 0.1
+
+
+def arm(
+    lease_s: Annotated[float, typer.Option("--lease", help="Lease in seconds; Ctrl-C or death ends it sooner.")] = 0.5,
+    for_s: Annotated[float | None, typer.Option("--for", min=0.0, help="Disarm after so many seconds.")] = None,
+    detach: Annotated[
+        bool, typer.Option("--detach", help="Return once armed; disarm when the shell or script that called ends.")
+    ] = False,
+    while_pid: Annotated[int | None, typer.Option("--while-pid", hidden=True)] = None,
+    socket: SocketOption = None,
+    as_json: Json = False,
+) -> None:
+    """Arm, and hold the lease until Ctrl-C or `haptic disarm`; whatever ends this leaves the output off.
+
+    Meanwhile `haptic set` and `haptic texture play` may be used in another terminal, or in this one after --detach.
+
+    Example: `haptic arm --for 60`
+    """
+    if detach:
+        held = _detached(_socket(socket), lease_s, for_s)
+        report(as_json, held, lambda: stdout.print("armed; disarm with: haptic disarm"))
+        return
+    from haptic_driver.client import LeaseLostError  # noqa: PLC0415  (HTTP is slow to import)
+
+    with client_of(socket) as client:
+        try:
+            with client.armed(lease_s) as session, _lease_file(client.socket, session.token), _ends_like_ctrl_c():
+                held = {"state": "armed", "lease_s": lease_s, "token_file": str(_token_path(client.socket))}
+                report(as_json, held, lambda: stdout.print(f"armed, lease {lease_s:g} s; Ctrl-C disarms"))
+                sys.stdout.flush()
+                with suppress(KeyboardInterrupt):  # the usual end
+                    _hold(client, session, for_s, while_pid, tell=not as_json)
+        except LeaseLostError:
+            _raise_unless_disarmed(client.status())
+
+
+def set_target(
+    cof: Annotated[float, typer.Argument(metavar="MU", help="Coefficient of friction to render.")],
+    socket: SocketOption = None,
+    as_json: Json = False,
+) -> None:
+    """Ask for one friction everywhere; somebody must have armed.
+
+    Example: `haptic set 0.6`
+    """
+    with client_of(socket) as client:
+        _report(client.set(_token(client.socket), cof), as_json)
+
+
+def off(socket: SocketOption = None, as_json: Json = False) -> None:
+    """Output to zero at once; whoever armed stays armed. Fails when the output cannot be shown to be off.
+
+    Example: `haptic off --json`
+    """
+    with client_of(socket) as client:
+        _report(client.off(), as_json)
+
+
+def disarm(socket: SocketOption = None, as_json: Json = False) -> None:
+    """Output to zero at once, and end the lease, whoever holds it.
+
+    Example: `haptic disarm --json`
+    """
+    with client_of(socket) as client:
+        _report(client.disarm(), as_json)
+
+
+def status(socket: SocketOption = None, as_json: Json = False) -> None:
+    """Say what the daemon does; `output_on` is null where nobody knows.
+
+    Example: `haptic status --json`
+    """
+    with client_of(socket) as client:
+        _report(client.status(), as_json)
+
+
+def reset(socket: SocketOption = None, as_json: Json = False) -> None:
+    """Acknowledge a fault or trip whose cause is gone.
+
+    Example: `haptic reset --json`
+    """
+    with client_of(socket) as client:
+        _report(client.reset(), as_json)
+
+
+def record(
+    file: Annotated[Path | None, typer.Argument(help="HDF5 file to write.")] = None,
+    stop: Annotated[bool, typer.Option("--stop", help="End the recording.")] = False,
+    socket: SocketOption = None,
+    as_json: Json = False,
+) -> None:
+    """Record every tick into a file, until --stop.
+
+    Example: `haptic record run.h5`
+    """
+    if stop == (file is not None):
+        raise BadInputError("usage", "give either a file or --stop", "See: haptic record --help")
+    with client_of(socket) as client:
+        _report(client.record(file), as_json)
+
+
+def play(name: str, socket: Path | None, as_json: bool) -> None:
+    """`haptic texture play`."""
+    with client_of(socket) as client:
+        _report(client.play(_token(client.socket), name), as_json)
+
+
+def show_status(status: Status) -> None:
+    """The status for a person."""
+    on = {True: "[bold red]ON[/]", False: "off", None: "[bold red]UNKNOWN[/]"}[status.output_on]
+    rig = f"{status.rig}{' (simulated)' if status.simulated else ''}"
+    stdout.print(f"[bold]{status.state}[/], output {on}; rig {rig}")
+    asked = status.texture or ("nothing" if status.target_cof is None else f"friction {status.target_cof:.3g}")
+    stdout.print(f"  asked {asked}; measured {number(status.measured_cof, '.3f')}")
+    stdout.print(f"  {number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak")
+    stdout.print(f"  {status.ticks} ticks, {status.overruns} overruns; flags: {', '.join(status.flags) or 'none'}")
+    if status.fault is not None:
+        stdout.print("  [bold red]fault:[/] ", end="")
+        stdout.print(status.fault, markup=False)
+    if status.recording is not None:
+        stdout.print(f"  recording into {status.recording}", markup=False)
+
+
+def number(value: float | None, form: str) -> str:
+    """A number that may be missing."""
+    return "-" if value is None else format(value, form)
+
+
+def _report(status: Status, as_json: bool) -> None:
+    report(as_json, status.model_dump(mode="json"), lambda: show_status(status))
+
+
+def client_of(socket: Path | None) -> HapticClient:
+    """A client of the daemon at a socket, by default the usual one."""
+    from haptic_driver.client import HapticClient  # noqa: PLC0415  (HTTP is slow to import)
+
+    return HapticClient(_socket(socket))
+
+
+def _socket(socket: Path | None) -> Path:
+    return socket if socket is not None else default_socket()
+
+
+def _token_path(socket: Path) -> Path:
+    return socket.with_name(socket.name + ".lease")
+
+
+def _token(socket: Path) -> str:
+    """What `haptic arm` left for the other commands."""
+    try:
+        return _token_path(socket).read_text().strip()
+    except OSError:
+        raise HapticError(
+            "not_armed", "nobody has armed with `haptic arm`", "haptic arm in another terminal, or haptic arm --detach"
+        ) from None
+
+
+@contextmanager
+def _lease_file(socket: Path, token: str) -> Iterator[None]:
+    path = _token_path(socket)
+    write_private(path, token + "\n")
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def _hold(client: HapticClient, session: Session, for_s: float | None, while_pid: int | None, *, tell: bool) -> None:
+    """Until the time is over, the process is gone, or the lease is; says changes of state."""
+    until_s = math.inf if for_s is None else time.monotonic() + for_s
+    told = "armed"
+    while time.monotonic() < until_s and (while_pid is None or _lives(while_pid)):
+        if session.wait_lost(min(POLL_S, max(until_s - time.monotonic(), 0.0))):
+            return
+        state = client.status().state
+        if tell and state != told:
+            stdout.print(state)
+            told = state
+
+
+def _raise_unless_disarmed(status: Status) -> None:
+    """The lease has ended under us: somebody's `haptic disarm` is no failure, a fault or a late renewal is."""
+    if status.fault is not None:
+        raise HapticError("fault", f"the daemon went into fault: {status.fault}", "remove the cause, then haptic reset")
+    if "lease_lost" in status.flags:
+        raise HapticError("lease_lost", "the lease ran out before it was renewed", "arm again, with a longer --lease")
+
+
+@contextmanager
+def _ends_like_ctrl_c() -> Iterator[None]:
+    """SIGTERM and a closed terminal end the block as Ctrl-C does."""
+    before = {number: signal.signal(number, signal.default_int_handler) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _lives(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _detached(socket: Path, lease_s: float, for_s: float | None) -> dict[str, Any]:
+    """Have a process of its own hold the lease for as long as our caller lives; what it said once armed."""
+    command = [sys.executable, "-c", "from haptic_driver.cli.main import run; run()", "arm", "--json"]
+    command += ["--socket", str(socket.absolute()), "--lease", str(lease_s), "--while-pid", str(os.getppid())]
+    command += [] if for_s is None else ["--for", str(for_s)]
+    holder = subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    assert holder.stdout is not None
+    with holder.stdout as said:
+        held: dict[str, Any] = json.loads(said.readline() or b"{}")
+    if "state" not in held:
+        error = held.get("error", {"code": "not_armed", "message": "cannot arm", "hint": "haptic arm says more"})
+        raise HapticError(**error)
+    return held

@@ -1,0 +1,59 @@
+"""`haptic daemon`: the process that a rig runs all day."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
+
+app = typer.Typer(no_args_is_help=True, help="Run the daemon.")
+SocketOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--socket", envvar="HAPTIC_SOCKET", help="Where the daemon listens; by default in a private folder of yours."
+    ),
+]
+
+
+@app.callback()
+def _group() -> None:
+    pass
+
+
+@app.command()
+def run(
+    rig: RigOption = "simulated",
+    socket: SocketOption = None,
+    model: ModelOption = "reference",
+    port: Annotated[
+        int | None, typer.Option("--port", min=0, max=65535, help="Serve the page at this loopback port; 0: any.")
+    ] = None,
+    allow_no_rt: Annotated[
+        bool, typer.Option("--allow-no-rt", help="Arm a real rig without real-time scheduling.")
+    ] = False,
+    as_json: Json = False,
+) -> int:
+    """Run the daemon in the foreground until Ctrl-C or SIGTERM; it starts idle, with the output off.
+
+    Once it can be used it says its socket and, with --port, the address of its page, which holds a token. Exit status 0
+    when the output is known to be off at the end.
+
+    Example: `haptic daemon run --rig simulated --port 8470`
+    """
+    from haptic_driver.daemon.run import run_daemon  # noqa: PLC0415  (the web server is slow to import)
+
+    def announce(socket: Path, page: str | None) -> None:
+        report(as_json, {"socket": str(socket), "page": page}, lambda: _show(rig, socket, page))
+
+    logging.basicConfig(format="%(asctime)s %(name)s: %(message)s", level=logging.INFO)
+    return run_daemon(rig, socket, model, allow_no_rt, port, announce=announce)
+
+
+def _show(rig: str, socket: Path, page: str | None) -> None:
+    stdout.print(f"rig {rig} is ready at {socket}")
+    if page is not None:
+        stdout.print(f"page, for you alone: {page}")

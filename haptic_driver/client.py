@@ -1,0 +1,281 @@
+"""A client of the daemon for experiments.
+
+    from haptic_driver.client import HapticClient
+
+    with HapticClient() as client, client.armed() as session:
+        session.set(0.6)
+        session.play("linen")
+
+Whatever ends the inner block, an error and Ctrl-C too, leaves the output off. A client that dies no longer renews its
+lease, and the daemon ramps the output to zero by itself.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from socket import AF_UNIX, SOCK_STREAM
+from socket import socket as unix_socket
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+import httpx
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
+from websockets.exceptions import ConnectionClosed, WebSocketException
+from websockets.sync.client import unix_connect
+
+from haptic_driver.daemon.api_records import (
+    LEASE_HEADER,
+    ErrorReport,
+    Events,
+    RecordingRequest,
+    SampleColumns,
+    StateFrame,
+    TextureNames,
+    samples_of,
+)
+from haptic_driver.daemon.processes import default_socket
+from haptic_driver.daemon.records import ArmRequest, Event, Lease, Record, RefusedError, Status, Target, TextureChoice
+from haptic_driver.errors import BadInputError, HapticError
+
+TIMEOUT_S = 10.0  # switching off waits for a slow instrument
+RENEWALS_PER_LEASE = 4
+BASE_URL = "http://haptic"  # the socket says where; HTTP wants a name all the same
+
+Answer = TypeVar("Answer", bound=BaseModel)
+
+
+class NoDaemonError(HapticError):
+    """Nobody answers at the socket."""
+
+
+class LeaseLostError(RefusedError):
+    """The lease has ended while it was held: disarmed by somebody, a fault, or renewed too late."""
+
+
+class HapticClient:
+    """One daemon, by its socket; NoDaemonError when nobody listens there. Methods may be called from several threads.
+
+    Every method raises what the daemon refuses: BadInputError for what cannot be used, RefusedError for what cannot be
+    done in its present state, NoDaemonError when it does not answer, HapticError for a fault.
+    """
+
+    def __init__(self, socket: Path | None = None) -> None:
+        self.socket = socket if socket is not None else default_socket()
+        self._refuse_if_nobody_listens()
+        transport = httpx.HTTPTransport(uds=str(self.socket))
+        self._http = httpx.Client(transport=transport, base_url=BASE_URL, timeout=TIMEOUT_S)
+
+    def close(self) -> None:
+        """Close the connection; what the daemon does is not changed by it."""
+        self._http.close()
+
+    def __enter__(self) -> Self:
+        """Itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close."""
+        self.close()
+
+    @contextmanager
+    def armed(self, lease_s: float = 0.5) -> Iterator[Session]:
+        """Arm, and keep the lease alive in the block; disarmed afterwards, and shown to be off.
+
+        Raises LeaseLostError at the end of the block when the lease was lost in it, and HapticError when the output
+        cannot be shown to be off; an error of the block itself goes before these.
+        """
+        with Session(self, self.arm(lease_s)) as session:
+            yield session
+
+    def arm(self, lease_s: float = 0.5) -> Lease:
+        """Idle to armed. Better use `armed`, which renews the lease."""
+        return self._post("/arm", Lease, _checked(ArmRequest, lease_s=lease_s))
+
+    def renew(self, token: str) -> Lease:
+        """Keep a lease alive."""
+        return self._post("/renew", Lease, token=token)
+
+    def set(self, token: str, cof: float) -> Status:
+        """Ask for one friction everywhere."""
+        return self._post("/set", Status, _checked(Target, cof=cof), token)
+
+    def play(self, token: str, texture: str) -> Status:
+        """Ask for a texture, by its name or the path of its file."""
+        name = str(Path(texture).absolute()) if Path(texture).is_file() else texture
+        return self._post("/texture", Status, _checked(TextureChoice, name=name), token)
+
+    def off(self) -> Status:
+        """Output to zero at once; HapticError when that cannot be shown."""
+        return _shown_off(self._post("/off", Status))
+
+    def disarm(self) -> Status:
+        """Off, and the lease ends; HapticError when the output cannot be shown to be off."""
+        return _shown_off(self._post("/disarm", Status))
+
+    def reset(self) -> Status:
+        """Acknowledge a fault whose cause is gone."""
+        return self._post("/reset", Status)
+
+    def record(self, path: Path | None) -> Status:
+        """Record into a file, or stop with None."""
+        name = str(path.absolute()) if path is not None else None
+        return self._post("/record", Status, _checked(RecordingRequest, path=name))
+
+    def status(self) -> Status:
+        """The present state."""
+        return self._get("/status", Status)
+
+    def textures(self) -> list[str]:
+        """Names that `play` knows."""
+        return self._get("/textures", TextureNames).textures
+
+    def events(self, since: int = 0) -> list[Event]:
+        """What happened after event number `since`."""
+        return self._get("/events", Events, since=since).events
+
+    def samples(self, since_tick: int = 0, most: int = 1000) -> NDArray[np.void]:
+        """Ticks after `since_tick`, the newest `most` of them, of dtype `haptic_driver.daemon.records.SAMPLE`."""
+        return samples_of(self._get("/samples", SampleColumns, since=since_tick, most=most).root)
+
+    def watch(self) -> Generator[StateFrame, None, None]:
+        """The state, 20 times a second, until the daemon ends."""
+        return self._stream("/state", StateFrame)
+
+    def watch_events(self, since: int = 0) -> Generator[Event, None, None]:
+        """Events as they happen, until the daemon ends."""
+        return self._stream(f"/events?since={since}", Event)
+
+    def _get(self, path: str, schema: type[Answer], **query: Any) -> Answer:
+        return self._ask(schema, self._http.build_request("GET", path, params=query))
+
+    def _post(self, path: str, schema: type[Answer], body: Record | None = None, token: str | None = None) -> Answer:
+        headers = {} if token is None else {LEASE_HEADER: token}
+        json = None if body is None else body.model_dump()
+        return self._ask(schema, self._http.build_request("POST", path, json=json, headers=headers))
+
+    def _ask(self, schema: type[Answer], request: httpx.Request) -> Answer:
+        try:
+            response = self._http.send(request)
+        except httpx.ConnectError as error:
+            raise self._no_daemon() from error
+        except httpx.HTTPError as error:
+            raise NoDaemonError(
+                "no_answer", f"the daemon at {self.socket} does not answer ({error})", "look at its log"
+            ) from error
+        if response.is_error:
+            raise _error_of(response)
+        return schema.model_validate_json(response.content)
+
+    def _stream(self, path: str, schema: type[Answer]) -> Generator[Answer, None, None]:
+        try:
+            with unix_connect(str(self.socket), BASE_URL.replace("http", "ws") + path) as messages:
+                while True:
+                    yield schema.model_validate_json(messages.recv())
+        except ConnectionClosed:
+            return
+        except (OSError, WebSocketException) as error:
+            raise self._no_daemon() from error
+
+    def _refuse_if_nobody_listens(self) -> None:
+        with unix_socket(AF_UNIX, SOCK_STREAM) as probe:
+            try:
+                probe.connect(str(self.socket))
+            except OSError as error:
+                raise self._no_daemon() from error
+
+    def _no_daemon(self) -> NoDaemonError:
+        return NoDaemonError(
+            "no_daemon", f"no daemon answers at {self.socket}", "start one: haptic daemon run --rig simulated"
+        )
+
+
+class Session:
+    """A lease that a thread renews, and what only its holder may ask; disarms at the end of its block."""
+
+    def __init__(self, client: HapticClient, lease: Lease) -> None:
+        self.token = lease.token
+        self.lost: LeaseLostError | None = None  # why the lease is no longer ours
+        self._client = client
+        self._period_s = lease.lease_s / RENEWALS_PER_LEASE
+        self._ending = threading.Event()
+        self._renewing = threading.Thread(target=self._renew, name="lease", daemon=True)
+
+    def set(self, cof: float) -> Status:
+        """Ask for one friction everywhere."""
+        return self._client.set(self.token, cof)
+
+    def play(self, texture: str) -> Status:
+        """Ask for a texture, by its name or the path of its file."""
+        return self._client.play(self.token, texture)
+
+    def off(self) -> Status:
+        """Output to zero at once; still armed."""
+        return self._client.off()
+
+    def wait_lost(self, timeout_s: float) -> bool:
+        """Wait until the lease is lost, at most so long; whether it is."""
+        self._renewing.join(timeout_s)
+        return self.lost is not None
+
+    def __enter__(self) -> Self:
+        """Begin to renew."""
+        self._renewing.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Disarm, unless the lease has become somebody else's."""
+        self._ending.set()
+        try:
+            if self.lost is None:
+                self._client.disarm()
+            elif error is None:
+                raise self.lost
+        except HapticError:
+            if error is None:
+                raise
+        finally:
+            self._renewing.join()
+
+    def _renew(self) -> None:
+        """The daemon may be slow, and then the lease runs out by itself; only its refusal ends this."""
+        while not self._ending.wait(self._period_s):
+            try:
+                self._client.renew(self.token)
+            except RefusedError as refused:
+                if not self._ending.is_set():
+                    self.lost = LeaseLostError(refused.code, refused.message, refused.hint)
+                return
+            except HapticError:
+                continue
+
+
+def _checked(schema: type[Answer], **values: object) -> Answer:
+    try:
+        return schema.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = ".".join(map(str, first["loc"]))
+        raise BadInputError("out_of_range", f"{name} {first['input']!r}: {first['msg']}", f"Change {name}") from error
+
+
+def _shown_off(status: Status) -> Status:
+    if status.output_on is not False:
+        known = "is still on" if status.output_on else "cannot be shown to be off"
+        raise HapticError("not_off", f"the output {known}", "switch the amplifier off by hand")
+    return status
+
+
+def _error_of(response: httpx.Response) -> HapticError:
+    try:
+        said = ErrorReport.model_validate_json(response.content).error
+    except ValidationError:
+        return HapticError("bad_answer", f"status {response.status_code} without a reason", "is this the daemon?")
+    kinds = {403: RefusedError, 409: RefusedError, 400: BadInputError, 413: BadInputError, 422: BadInputError}
+    return kinds.get(response.status_code, HapticError)(said.code, said.message, said.hint)

@@ -1,0 +1,551 @@
+"""The control process: owns the instruments, feeds render with what the sensors say, brings out what render decides.
+
+Whatever goes wrong with a device or a process takes the output to zero first and is then a fault; what died is started
+again, and the daemon stays in fault until somebody resets it.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import pickle
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_driver.config import texture_dirs
+from haptic_driver.daemon import drawings
+from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.instruments import Instruments, connect_simulated
+from haptic_driver.daemon.output_pump import OUTPUT_STALE_S, PUMP_PERIOD_S, OutputPump
+from haptic_driver.daemon.processes import Child
+from haptic_driver.daemon.recorder import RunHeader
+from haptic_driver.daemon.recorder_process import Recorder
+from haptic_driver.daemon.records import DaemonState, Event, Flag, Lease, RefusedError, Status
+from haptic_driver.daemon.set_up import DaemonSettings
+from haptic_driver.daemon.shared_state import NO_ORDER, RING_SAMPLES, Output, SharedState
+from haptic_driver.daemon.state_machine import StateMachine
+from haptic_driver.errors import HapticError
+from haptic_driver.render.texture import Script, Target, Uniform
+from haptic_driver.rig import RigEvent, RigState
+from haptic_driver.textures.library import load, texture_names
+from hw.errors import DeviceError
+
+START_TIMEOUT_S = 240.0  # compiling all kernels, on a busy machine
+SWITCH_INTERVAL_S = 5e-4  # a busy thread of the API keeps the pump waiting for so long, and not for 5 ms
+WATCH_PERIOD_S = 0.02
+WATCHDOG_PERIOD_S = 0.2  # between looks at an idle watchdog
+SENSOR_RETRY_S = 0.02
+TAKE_OVER_S = 0.5  # render takes up a target within a tick; a stalled one never
+MEASURED_SAMPLES = 100
+
+ACTUATOR = "setpoints over SCPI"
+
+_log = logging.getLogger(__name__)
+
+
+class Daemon:
+    """Everything that `Control` promises; starts in `__enter__`, ends with the output off in `close`."""
+
+    def __init__(self, settings: DaemonSettings, clock: Callable[[], float] = time.monotonic) -> None:
+        self.settings = settings
+        self.shared = SharedState()
+        self._clock = clock
+        self._machine = StateMachine()
+        self._lock = threading.RLock()  # of the machine, the order and the events; never held over I/O
+        self._recording = threading.Lock()  # of whoever starts or stops a recording
+        self._choosing = threading.Lock()  # of whoever hands a target over
+        self._order = NO_ORDER
+        self._armed_at = 0  # the first order of the present arming
+        self._flags = Flag(0)
+        self._told = Flag(0)
+        self._target: Target | None = None
+        self._target_name: str | None = None
+        self._recorder: Recorder | None = None
+        self._events = EventLog(self._record_event)
+        self._pump = OutputPump(self.shared.output, settings.config.output.setpoint_interval_s, self._fail, clock)
+        self._instruments: Instruments | None = None
+        self._children: dict[str, Child] = {}
+        self.endpoints: dict[str, str] = {}  # of simulated instruments
+        self._real_time = False
+        self._missing = "the daemon is starting"  # why arming is refused; empty when all is there
+        self._ending = threading.Event()
+        self._threads: list[threading.Thread] = []
+
+    # --- life --------------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Start everything; idle when it returns. Raises HapticError and DeviceError, with nothing left running."""
+        try:
+            self._order_now()
+            self._start_instruments()  # both take seconds, at the same time
+            self._start_render()
+            self._connect()
+            self._start_threads()
+            self._await_senses()
+        except BaseException:
+            self.close()
+            raise
+        with self._lock:
+            self._missing = ""
+            self._machine.connected()
+            self._events.tell("state", "idle: connected, output off")
+
+    def close(self) -> bool | None:
+        """Switch off and end everything; whether the output is on (None: unknown). Never raises."""
+        with suppress(HapticError):
+            self.disarm()
+        self._ending.set()
+        for thread in self._threads:
+            thread.join()
+        output_on = self._instruments.close() if self._instruments is not None else self._pump.output_on
+        self._stop_recording()
+        for child in self._children.values():
+            child.stop()
+        self.shared.close()
+        return output_on
+
+    def __enter__(self) -> Daemon:
+        """Start."""
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close."""
+        self.close()
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process ids by name, for whoever supervises or tests."""
+        found = {name: child.pid for name, child in self._children.items()}
+        found |= {"recorder": self._recorder.pid} if self._recorder is not None else {}
+        watchdog = self._instruments.watchdog_pid if self._instruments is not None else None
+        return found | ({"watchdog": watchdog} if watchdog is not None else {})
+
+    def _start_render(self) -> None:
+        child = Child(
+            "render", "haptic_driver.daemon.render_process", [self.shared.descriptor, os.getpid()],
+            given=pickle.dumps(self.settings.render), descriptors=[self.shared.descriptor],
+        )  # fmt: skip
+        self._children["render"] = child
+        granted = child.ready(START_TIMEOUT_S)
+        self._real_time = bool(granted["scheduled"])
+        if granted["refused"]:
+            _log.warning("render: %s", granted["refused"])
+
+    def _start_instruments(self) -> None:
+        """Begin to start simulated instruments; real ones are there already."""
+        config = self.settings.config
+        if not config.simulated:
+            raise HapticError(
+                "no_sensors",
+                f"rig {config.name} names no finger tracker and no force sensor",
+                "the daemon drives simulated rigs until a rig's file can name its sensors",
+            )
+        record = [] if self.settings.amplifier_record is None else ["--record", self.settings.amplifier_record]
+        child = Child(
+            "instruments", "haptic_driver.daemon.simulated_process",
+            [self.settings.rig, self.settings.model, *record],
+        )  # fmt: skip
+        self._children["instruments"] = child
+
+    def _connect(self) -> None:
+        self.endpoints = self._children["instruments"].ready(START_TIMEOUT_S)["endpoints"]
+        self._instruments = connect_simulated(self.settings.config, self.endpoints, self._rig_says)
+        self._pump.rig = self._instruments.rig
+
+    def _await_senses(self) -> None:
+        """Until sensors and render have been heard. Raises HapticError when they are not."""
+        until_s = self._clock() + START_TIMEOUT_S
+        while silent := self._silent():
+            if self._clock() > until_s:
+                raise HapticError("silent", silent, "check the sensors; look at the log")
+            time.sleep(PUMP_PERIOD_S)
+
+    def _silent(self) -> str:
+        """Who has not been heard lately; empty when all have."""
+        now_s, sensed = self._clock(), self.shared.sensed.read()
+        last_s = {"the finger tracker": sensed.finger_time_s, "the force sensor": sensed.force_time_s}
+        last_s["render"] = self.shared.output.read().time_s
+        return ", ".join(f"{who} is silent" for who, time_s in last_s.items() if now_s - time_s > OUTPUT_STALE_S)
+
+    def _start_threads(self) -> None:
+        for work in (self._sense, self._watch, self._bring_out):
+            thread = threading.Thread(target=work, name=work.__name__.strip("_"), daemon=True)
+            self._threads.append(thread)
+            thread.start()
+
+    # --- threads -----------------------------------------------------------------------------------------------
+
+    def _sense(self) -> None:
+        """Sensors -> shared memory. What fails here is stale there, and render takes its output to zero."""
+        failing = False
+        while not self._ending.is_set():
+            instruments, pause_s = self._instruments, SENSOR_RETRY_S
+            try:
+                if instruments is not None:
+                    self.shared.sensed.write(instruments.read())
+                    failing, pause_s = False, instruments.sensor_period_s
+            except DeviceError as error:
+                if not failing:
+                    self._events.tell("flag", f"sensors: {error.message}")
+                failing = True
+            time.sleep(pause_s)
+
+    def _bring_out(self) -> None:
+        """Shared memory -> instruments."""
+        self._pump.run(self._ending)
+
+    def _watch(self) -> None:
+        """Processes, lease, flags; says every time that control is alive."""
+        looked_s = -math.inf
+        while not self._ending.is_set():
+            now_s = self._clock()
+            try:
+                with self._lock:
+                    self._order_now()
+                self._watch_lease(now_s)
+                self._watch_render(now_s)
+                self._watch_processes()
+                self._watch_recorder()
+                if now_s - looked_s >= WATCHDOG_PERIOD_S:
+                    looked_s = now_s
+                    self._watch_rig(now_s)
+            except (HapticError, DeviceError) as error:
+                self._fail(error.message)
+            self._ending.wait(WATCH_PERIOD_S)
+
+    def _watch_lease(self, now_s: float) -> None:
+        """After render has ramped down for a lost lease: off, idle."""
+        with self._lock:
+            over = self._machine.armed and now_s > self._machine.lease_until_s + self.settings.render.ramp_s
+        if over:
+            self._flags |= Flag.LEASE_LOST
+            self._withdraw(self._machine.disarm)
+            self._events.tell("lease", "the lease ran out; output off")
+
+    def _watch_render(self, now_s: float) -> None:
+        output = self.shared.output.read()
+        with self._lock:
+            rendering = self._machine.state is DaemonState.RENDERING
+            new = self._flags_of(output) & ~self._told
+            self._told |= new
+        for name in new.names():
+            self._events.tell("flag", name)
+        if rendering and Flag.FAULT in self._flags_of(output):
+            self._fail(f"render missed {self.settings.render.most_missed} ticks in a row")
+        if rendering and now_s - output.time_s > OUTPUT_STALE_S:
+            self._fail(f"render has said nothing for {now_s - output.time_s:.2g} s")
+
+    def _watch_processes(self) -> None:
+        for name, child in list(self._children.items()):
+            ended = child.ended
+            if ended is None or self._ending.is_set():
+                continue
+            self._fail(ended)
+            self._begin_restart(name)
+
+    def _watch_rig(self, now_s: float) -> None:
+        instruments = self._instruments
+        if instruments is None:
+            return
+        if instruments.rig.state is RigState.OFF and self._machine.state is not DaemonState.RENDERING:
+            try:
+                instruments.check_watchdog()
+            except DeviceError as error:
+                self._fail(error.message)
+                self._begin_restart("watchdog")
+                return
+        instruments.rig.watch(now_s)
+
+    def _begin_restart(self, name: str) -> None:
+        """Bring back what died, in a thread of its own, one at a time; nobody can arm meanwhile."""
+        with self._lock:
+            if self._missing:
+                return
+            self._missing = f"the {name} process is being started again"
+        thread = threading.Thread(target=self._restart, args=(name,), name=f"restart {name}", daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    def _restart(self, name: str) -> None:
+        try:
+            if name in self._children:
+                self._children[name].kill()
+            if name == "render":
+                self._start_render()
+            elif name == "watchdog" and self._instruments is not None:
+                self._instruments.restart_watchdog()
+            else:
+                instruments, self._instruments, self._pump.rig = self._instruments, None, None
+                if instruments is not None:
+                    instruments.close()
+                self._start_instruments()
+                self._connect()
+        except (HapticError, DeviceError) as error:
+            self._missing = f"the {name} process could not be started again: {error.message}"
+            _log.error("%s", self._missing)
+        else:
+            self._missing = ""
+            self._events.tell("state", f"the {name} process is back; reset to go on")
+
+    # --- what the API asks -------------------------------------------------------------------------------------
+
+    def status(self) -> Status:
+        """The present state."""
+        output, now_s, recorder = self.shared.output.read(), self._clock(), self._recorder
+        with self._lock:
+            machine = self._machine
+            flags = self._flags | self._flags_of(output)
+            left_s = machine.lease_until_s - now_s
+            rendering = machine.state is DaemonState.RENDERING
+            return Status(
+                state=machine.state,
+                simulated=self.settings.config.simulated,
+                rig=self.settings.config.name,
+                texture=self._target_name if rendering else None,
+                target_cof=_finite(output.target_cof) if rendering else None,
+                measured_cof=self._measured_cof(),
+                frequency_hz=output.frequency_hz if output.output_on else None,
+                voltage_v=output.voltage_v if rendering else 0.0,
+                output_on=self._pump.output_on,
+                ticks=output.tick,
+                overruns=output.overruns,
+                flags=flags.names(),
+                fault=machine.fault_reason,
+                lease_left_s=max(left_s, 0.0) if machine.armed else None,
+                actuator=ACTUATOR,
+                real_time=self._real_time,
+                latency_budget_s=self.settings.latency_budget_s,
+                surface_hash=self.settings.surface.content_hash,
+                recording=str(recorder.path) if recorder is not None else None,
+            )
+
+    def arm(self, lease_s: float) -> Lease:
+        """Idle -> armed."""
+        with self._lock:
+            self._refuse_if_not_ready()
+            lease = self._machine.arm(self._clock(), lease_s)
+            self._flags = self._told = Flag(0)
+            self._target = self._target_name = None
+            self._order_now()
+            self._armed_at = self._order.number
+            self._events.tell("state", f"armed, lease {lease_s:g} s")
+        return lease
+
+    def renew(self, token: str) -> Lease:
+        """Keep the lease alive."""
+        with self._lock:
+            lease = self._machine.renew(token, self._clock())
+            self._order_now()
+        return lease
+
+    def set_target(self, token: str, cof: float) -> Status:
+        """Ask for one friction everywhere."""
+        self._render(token, Uniform(cof), None)
+        self._events.tell("target", f"friction {cof:g}", cof=cof)
+        return self.status()
+
+    def play(self, token: str, texture: str) -> Status:
+        """Ask for a texture, or begin a script."""
+        target = load(texture, texture_dirs()).target
+        self._render(token, target.started(self._clock()) if isinstance(target, Script) else target, texture)
+        self._events.tell("texture", texture)
+        return self.status()
+
+    def off(self) -> Status:
+        """Output to zero at once."""
+        self._withdraw(self._machine.off)
+        self._events.tell("state", f"off; the daemon is {self._machine.state}")
+        return self.status()
+
+    def disarm(self) -> Status:
+        """Off, and the lease is gone."""
+        self._withdraw(self._machine.disarm)
+        self._events.tell("state", f"disarmed; the daemon is {self._machine.state}")
+        return self.status()
+
+    def reset(self) -> Status:
+        """Acknowledge a fault or trip whose cause is gone."""
+        if self._machine.state is not DaemonState.FAULT:
+            raise RefusedError("no_fault", f"the daemon is {self._machine.state}, not in fault", "nothing to reset")
+        if self._missing or self._instruments is None:
+            raise RefusedError("cause_remains", self._missing, "try again when it is back")
+        rig = self._instruments.rig
+        rig.reset_trip()
+        if rig.state is not RigState.OFF and rig.off().output_on is not False:
+            raise RefusedError("not_off", "the output cannot be shown to be off", "switch the amplifier off by hand")
+        with self._lock:
+            self._machine.reset()
+            self._flags = Flag(0)
+            self._events.tell("state", "fault acknowledged; idle")
+        return self.status()
+
+    def record(self, path: str | None) -> Status:
+        """Start or stop a recording."""
+        with self._recording:
+            if path is None:
+                self._stop_recording()
+            elif self._recorder is not None:
+                raise RefusedError("recording", f"already recording into {self._recorder.path}", "stop that first")
+            else:
+                self._recorder = Recorder(Path(path), self._run_header(), self.shared)
+                self._events.tell("recording", f"into {self._recorder.path}")
+        return self.status()
+
+    def textures(self) -> list[str]:
+        """Names that `play` knows."""
+        return texture_names(texture_dirs())
+
+    def samples(self, since_tick: int, most: int) -> NDArray[np.void]:
+        """Records after `since_tick`, the newest `most`."""
+        taken = self.shared.ring.read(max(self.shared.ring.position - min(most, RING_SAMPLES), 0)).samples
+        return taken[taken["tick"] > since_tick]
+
+    def events(self, since: int) -> Sequence[Event]:
+        """Events above `since`."""
+        return self._events.since(since)
+
+    def surface_map(self) -> dict[str, Any]:
+        """Friction over frequency and voltage at the usual load."""
+        return drawings.surface_map(self.settings.surface)
+
+    def texture_map(self) -> dict[str, Any]:
+        """Friction asked for on the screen."""
+        return drawings.texture_map(self._target, self._clock())
+
+    # --- inside ------------------------------------------------------------------------------------------------
+
+    def _render(self, token: str, target: Target, name: str | None) -> None:
+        """Hand a target to render, which takes it up between two ticks."""
+        with self._choosing:
+            with self._lock:
+                self._machine.renew(token, self._clock())  # whoever asks is alive
+                number = self._order.target
+            self._await_target(number)
+            self.shared.targets.write(number + 1, target)
+            with self._lock:
+                self._machine.render(token, self._clock())
+                self._order_now(number + 1)
+                self._pump.open(self._order.number)
+                self._target, self._target_name = target, name
+
+    def _await_target(self, number: int) -> None:
+        """Until render uses the target before, since the next one takes the place of the one before that."""
+        until_s = self._clock() + TAKE_OVER_S
+        while self.shared.output.read().target != number:
+            if self._clock() > until_s:
+                raise RefusedError("render_stalls", "render does not take up targets", "look at the status")
+            time.sleep(PUMP_PERIOD_S)
+
+    def _withdraw(self, move: Callable[[], object]) -> None:
+        """Off now; then the state says so, and a command that was on its way meanwhile is undone."""
+        self._pump.off()
+        with self._lock:
+            move()
+            self._pump.close()
+            self._order_now()
+        self._pump.undo_late_command()
+
+    def _fail(self, reason: str) -> None:
+        """Off, and fault."""
+        if self._machine.state is DaemonState.FAULT:
+            return
+        news = False
+
+        def move() -> None:
+            nonlocal news
+            news = self._machine.fault(reason)
+            self._flags |= Flag.FAULT
+
+        self._withdraw(move)
+        if news:
+            self._events.tell("fault", reason)
+
+    def _refuse_if_not_ready(self) -> None:
+        settings = self.settings
+        if self._missing and self._machine.state is not DaemonState.FAULT:
+            raise RefusedError("not_ready", self._missing, "wait until it is back")
+        if silent := self._silent():
+            raise RefusedError("not_ready", silent, "check the sensors; look at the events")
+        if not (settings.config.simulated or self._real_time or settings.allow_no_rt):
+            raise RefusedError(
+                "no_real_time", "render was not granted real-time scheduling, and this rig is real",
+                "allow it (LimitRTPRIO, LimitMEMLOCK), or start the daemon with --allow-no-rt",
+            )  # fmt: skip
+
+    def _run_header(self) -> RunHeader:
+        settings = self.settings
+        return RunHeader(
+            rig=settings.config.name,
+            simulated=settings.config.simulated,
+            model=settings.model,
+            surface_hash=settings.surface.content_hash,
+            calibration_ids={},
+            software_version=version("haptic-driver"),
+            actuator=ACTUATOR,
+            latency_budget_s=settings.latency_budget_s,
+            config=settings.config.model_dump(mode="json"),
+        )
+
+    def _stop_recording(self) -> None:
+        recorder, self._recorder = self._recorder, None
+        if recorder is not None:
+            why = recorder.stop()
+            self._events.tell("recording", f"ended: {recorder.path}" if why is None else f"ended badly: {why}")
+
+    def _record_event(self, event: Event) -> None:
+        if self._recorder is not None:
+            self._recorder.note(event)
+
+    def _watch_recorder(self) -> None:
+        """A recording that ends by itself is told of; rendering goes on without it."""
+        recorder = self._recorder
+        if recorder is not None and self._recording.acquire(blocking=False):
+            try:
+                if recorder is self._recorder and (why := recorder.ended()) is not None:
+                    self._recorder = None
+                    self._events.tell("recording", why)
+            finally:
+                self._recording.release()
+
+    def _order_now(self, target: int | None = None) -> None:
+        """Tell render what holds now; a new number when it is something else than before."""
+        machine = self._machine
+        order = self._order._replace(
+            arming=machine.arming,
+            rendering=machine.state is DaemonState.RENDERING,
+            target=self._order.target if target is None else target,
+        )
+        if order != self._order:
+            order = order._replace(number=order.number + 1)
+        self._order = order._replace(lease_until_s=machine.lease_until_s, beat_s=self._clock())
+        self.shared.order.write(self._order)
+
+    def _rig_says(self, event: RigEvent) -> None:
+        if event.state is RigState.TRIPPED:
+            self._flags |= Flag.TRIPPED
+            self._events.tell("trip", event.reason)
+
+    def _flags_of(self, output: Output) -> Flag:
+        """What render flags, unless it has not heard of the present arming yet."""
+        return Flag(output.flags) if output.order >= self._armed_at else Flag(0)
+
+    def _measured_cof(self) -> float | None:
+        """Mean over the last samples; None without sliding contact."""
+        ring = self.shared.ring
+        measured = ring.read(max(ring.position - MEASURED_SAMPLES, 0)).samples["measured_cof"]
+        sliding = measured[np.isfinite(measured)]
+        return float(sliding.mean()) if sliding.size else None
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,122 @@
+"""What makes a loop keep its time: scheduling, locked memory, absolute deadlines. Linux; elsewhere nothing is had."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import gc
+import os
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import NamedTuple
+
+PRIORITY = 80  # of SCHED_FIFO, above threaded interrupt handlers (50)
+SPIN_S = 60e-6  # longer than most wake-ups take; worth its 6 % of a core only where nothing else gets in between
+_LOCK_CURRENT, _LOCK_FUTURE = 1, 2
+_TIMER_ABSTIME = 1
+_BILLION = 1_000_000_000
+
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+class RealTime(NamedTuple):
+    """What was granted to this process, and in words why not the rest."""
+
+    scheduled: bool
+    memory_locked: bool
+    refused: str
+
+    def metronome(self, period_s: float, number: int = 0) -> Metronome:
+        """A metronome as good as what was granted."""
+        return Metronome(period_s, number, spin_s=SPIN_S if self.scheduled else 0.0)
+
+
+def enter(priority: int = PRIORITY) -> RealTime:
+    """Ask for real-time scheduling and locked memory; keep the processor awake while this process lives."""
+    refused = []
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        scheduled = True
+    except (OSError, AttributeError) as error:
+        scheduled = False
+        refused.append(f"SCHED_FIFO {priority}: {error}; allow it with LimitRTPRIO={priority} or /etc/security/limits")
+    locked = _libc.mlockall(_LOCK_CURRENT | _LOCK_FUTURE) == 0
+    if not locked:
+        refused.append(f"mlockall: {os.strerror(ctypes.get_errno())}; allow it with LimitMEMLOCK=infinity")
+    _stay_awake()
+    return RealTime(scheduled, locked, "; ".join(refused))
+
+
+def _stay_awake() -> None:
+    """No deep idle states: the kernel takes the wish for as long as this file is open."""
+    with suppress(OSError):
+        descriptor = os.open("/dev/cpu_dma_latency", os.O_WRONLY | os.O_CLOEXEC)
+        os.write(descriptor, (0).to_bytes(4, "little"))
+
+
+def settle_memory() -> None:
+    """No garbage collection from here on; what exists is never looked at again."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
+
+
+def sleep_until(time_s: float) -> None:
+    """Sleep until CLOCK_MONOTONIC says `time_s`; returns at once when that is past."""
+    until_ns = int(time_s * _BILLION)
+    until = _Timespec(until_ns // _BILLION, until_ns % _BILLION)
+    while _libc.clock_nanosleep(time.CLOCK_MONOTONIC, _TIMER_ABSTIME, ctypes.byref(until), None) == errno.EINTR:
+        pass  # a signal came
+
+
+class Due(NamedTuple):
+    """One instant that is there: its number, when it was due, how late it is, how many before it were missed."""
+
+    number: int
+    due_s: float
+    lateness_s: float
+    missed: int
+
+
+class Metronome:
+    """Instants `period_s` apart. Those that are missed are counted and left out, never made up for in a burst.
+
+    Numbers go on from `number`. The last `spin_s` before an instant are waited for awake: waking up takes tens of
+    microseconds, which is then over when the instant comes.
+    """
+
+    def __init__(
+        self,
+        period_s: float,
+        number: int = 0,
+        *,
+        spin_s: float = 0.0,
+        clock: Callable[[], float] = time.monotonic,
+        sleep_until: Callable[[float], None] = sleep_until,
+    ) -> None:
+        self.period_s = period_s
+        self._clock = clock
+        self._sleep_until = sleep_until
+        self._spin_s = spin_s
+        self._began_s = clock()
+        self._number = self._first = number
+
+    def wait(self) -> Due:
+        """Return at the next instant, or at once when it is there already and the one after it is not."""
+        number = self._number + 1
+        due_s = self._began_s + (number - self._first) * self.period_s
+        now_s = self._clock()
+        missed = max(int((now_s - due_s) / self.period_s), 0)
+        if missed:
+            number, due_s = number + missed, due_s + missed * self.period_s
+        if now_s < due_s:
+            self._sleep_until(due_s - self._spin_s)
+            while (now_s := self._clock()) < due_s:
+                pass
+        self._number = number
+        return Due(number, due_s, now_s - due_s, missed)

@@ -1,0 +1,184 @@
+"""What the daemon's processes and its clients tell one another: states, flags, samples, status, events."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntFlag, StrEnum
+from typing import Annotated, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from haptic_driver.errors import HapticError
+
+
+class DaemonState(StrEnum):
+    """Where the daemon is; output is possible in `rendering` alone."""
+
+    DISCONNECTED = "disconnected"
+    IDLE = "idle"
+    ARMED = "armed"
+    RENDERING = "rendering"
+    FAULT = "fault"
+
+
+class Flag(IntFlag):
+    """What has happened since arming; each stays up until the next arming."""
+
+    OVERRUN = 1
+    SATURATED_SENSOR = 2
+    STALE_SENSOR = 4
+    UNREACHABLE = 8
+    REJECTED = 16
+    LEASE_LOST = 32
+    TRIPPED = 64
+    FAULT = 128
+    FEEDBACK_LIMIT = 256
+
+    def names(self) -> list[str]:
+        """Lower-case names of the flags that are up."""
+        return [flag.name.lower() for flag in Flag if flag in self and flag.name]
+
+
+SAMPLE = np.dtype(
+    [
+        ("tick", "u8"),
+        ("time_s", "f8"),  # CLOCK_MONOTONIC when the tick was due
+        ("lateness_s", "f8"),
+        ("compute_s", "f8"),
+        ("finger_time_s", "f8"),  # of the finger sample used
+        ("position_x_m", "f8"),  # raw
+        ("position_y_m", "f8"),
+        ("output_x_m", "f8"),  # extrapolated to output time
+        ("output_y_m", "f8"),
+        ("speed_m_s", "f8"),
+        ("normal_force_n", "f8"),
+        ("lateral_force_n", "f8"),
+        ("in_contact", "u1"),
+        ("target_cof", "f8"),  # NaN where nothing is asked
+        ("expected_cof", "f8"),
+        ("measured_cof", "f8"),  # NaN without sliding contact
+        ("feedback_gain", "f8"),  # the finger's estimated gain
+        ("frequency_hz", "f8"),
+        ("voltage_v", "f8"),  # peak at the electrode, as commanded
+        ("output_on", "u1"),
+        ("flags", "u4"),
+    ]
+)
+"""One tick as it goes through the ring buffer to recorder, API and dashboard."""
+
+
+class Record(BaseModel):
+    """Base of everything that crosses the API; unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Status(Record):
+    """`haptic status`; `output_on` is None where nobody knows."""
+
+    state: DaemonState
+    simulated: bool
+    rig: str
+    texture: str | None
+    target_cof: float | None
+    measured_cof: float | None
+    frequency_hz: float | None
+    voltage_v: float | None
+    output_on: bool | None
+    ticks: int
+    overruns: int
+    flags: list[str]
+    fault: str | None
+    lease_left_s: float | None
+    actuator: str  # "setpoints over SCPI" or "analog envelope"
+    real_time: bool
+    latency_budget_s: dict[str, float]
+    surface_hash: str
+    recording: str | None
+
+
+class Lease(Record):
+    """What `arm` gives: to be renewed within `lease_s`, or the output ramps to zero."""
+
+    token: str
+    lease_s: float
+
+
+class Event(Record):
+    """Something that happened; `number` counts up without gaps."""
+
+    number: int
+    time_s: float
+    kind: str  # state | flag | target | texture | lease | trip | fault | marker | recording
+    message: str
+    data: dict[str, Any] = {}
+
+
+class Target(Record):
+    """`haptic set MU`."""
+
+    cof: Annotated[FiniteFloat, Field(gt=0.0, le=10.0)]
+
+
+class TextureChoice(Record):
+    """`haptic texture play T`."""
+
+    name: Annotated[str, Field(min_length=1, max_length=200)]
+
+
+class ArmRequest(Record):
+    """`haptic arm`."""
+
+    lease_s: Annotated[FiniteFloat, Field(ge=0.1, le=60.0)] = 0.5
+
+
+class RefusedError(HapticError):
+    """The daemon is not in a state to do this; nothing was changed."""
+
+
+class Control(Protocol):
+    """What the API needs of the daemon; every call is thread-safe, returns at once and raises HapticError."""
+
+    def status(self) -> Status:
+        """The present state."""
+
+    def arm(self, lease_s: float) -> Lease:
+        """Idle -> armed; `RefusedError` in any other state or with the reason why the rig is not ready."""
+
+    def renew(self, token: str) -> Lease:
+        """Keep the lease alive; `RefusedError` for another's token or an expired lease."""
+
+    def set_target(self, token: str, cof: float) -> Status:
+        """Ask for one friction everywhere; armed -> rendering."""
+
+    def play(self, token: str, texture: str) -> Status:
+        """Ask for a texture; armed -> rendering."""
+
+    def off(self) -> Status:
+        """Output to zero at once, from anyone, in any state; rendering -> armed."""
+
+    def disarm(self) -> Status:
+        """Off, and the lease is gone; -> idle."""
+
+    def reset(self) -> Status:
+        """Acknowledge a fault or trip whose cause is gone; fault -> idle."""
+
+    def record(self, path: str | None) -> Status:
+        """Start recording into a file, or stop with None."""
+
+    def textures(self) -> list[str]:
+        """Names that `play` knows."""
+
+    def samples(self, since_tick: int, most: int) -> NDArray[np.void]:
+        """Records of dtype SAMPLE after `since_tick`, the newest `most` of them."""
+
+    def events(self, since: int) -> Sequence[Event]:
+        """Events with a number above `since`, as far back as they are kept."""
+
+    def surface_map(self) -> dict[str, Any]:
+        """`frequency_hz` [m], `voltage_v` [n], `cof` [m][n] at the usual load, for the dashboard's picture."""
+
+    def texture_map(self) -> dict[str, Any]:
+        """`x_m`, `y_m`, `cof` [ny][nx] of the texture that plays, on the screen, coarse enough to draw."""

@@ -1,0 +1,84 @@
+"""From the names of a rig and a model to what the daemon's processes are told; the latency budget."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from haptic_driver.config import RigConfig, load_model, load_rig
+from haptic_driver.daemon.render_process import Nothing, RenderSettings
+from haptic_driver.daemon.simulated_lines import PANEL
+from haptic_driver.render.controller import Controller, ControllerSettings
+from haptic_driver.render.drive import DriveSettings
+from haptic_driver.render.finger import FingerSettings
+from haptic_driver.render.kernels import FeedbackSettings
+from haptic_driver.render.tick import TickSettings
+from haptic_driver.surface_builder import build_surface
+from haptic_driver.surface_file import SurfaceFile, ready_for_lookup
+
+PERIOD_S = 0.001
+
+
+@dataclass(frozen=True)
+class DaemonSettings:
+    """A rig, a surface to drive it by, and how to render.
+
+    `rig` and `model` are the names that were given. `allow_no_rt`: real hardware without real-time scheduling.
+    `amplifier_record`: a file in which simulated instruments write down what was at the electrode.
+    """
+
+    rig: str
+    model: str
+    config: RigConfig
+    surface: SurfaceFile
+    render: RenderSettings
+    allow_no_rt: bool = False
+    amplifier_record: Path | None = None
+
+    @property
+    def latency_budget_s(self) -> dict[str, float]:
+        """See `latency_budget_s`."""
+        return latency_budget_s(self.config, self.render.period_s)
+
+
+def daemon_settings(
+    rig: str, model: str, *, allow_no_rt: bool = False, amplifier_record: Path | None = None
+) -> DaemonSettings:
+    """Everything by name; solves the surface. Raises BadInputError."""
+    config = load_rig(rig)
+    surface = build_surface(load_model(model), config.operating_limits())
+    render = RenderSettings(tick_settings(config, surface), PERIOD_S)
+    return DaemonSettings(rig, model, config, surface, render, allow_no_rt, amplifier_record)
+
+
+def tick_settings(config: RigConfig, surface: SurfaceFile) -> TickSettings:
+    """The stages of one rig, with nothing to render yet; positions are extrapolated by the whole latency."""
+    limits = config.operating_limits()
+    latency_s = latency_budget_s(config, PERIOD_S)
+    controller = ControllerSettings(
+        ready_for_lookup(surface, limits),
+        limits,
+        **config.controller.model_dump(),
+        correction=surface.correction,
+        feedback=FeedbackSettings(latency_s=latency_s["set_point"] + latency_s["instrument"]),
+    )
+    finger = FingerSettings(**config.finger.model_dump(), output_latency_s=latency_s["total"])
+    return TickSettings(
+        finger, Nothing(), Controller(controller), limits, DriveSettings(config.output.voltage_rise_v_per_s)
+    )
+
+
+def latency_budget_s(config: RigConfig, period_s: float) -> dict[str, float]:
+    """Mean time from where the finger is to the voltage that belongs there, by where it is spent, and in all.
+
+    Waiting for the next sensor reading, tick and set point takes half a period each; `output.latency_s` of the rig,
+    measured from a set point's wait to its effect, has the rest.
+    """
+    set_point_s = 0.5 * config.output.setpoint_interval_s
+    parts = {
+        "sensor": 0.5 / PANEL.report_rate_hz,
+        "tick": 0.5 * period_s,
+        "set_point": set_point_s,
+        "instrument": max(config.output.latency_s - set_point_s, 0.0),
+    }
+    return parts | {"total": sum(parts.values())}

@@ -1,0 +1,93 @@
+"""Where the daemon is, and what may happen there: states, the lease, faults. No clock, no devices, no threads."""
+
+from __future__ import annotations
+
+import secrets
+from math import inf
+
+from haptic_driver.daemon.records import DaemonState, Lease, RefusedError
+
+DISCONNECTED, IDLE, ARMED, RENDERING, FAULT = DaemonState
+
+
+class StateMachine:
+    """The moves of `DaemonState`; RefusedError for one that is not allowed, which changes nothing.
+
+    Arming gives a lease to whoever asked; only its holder may renew it or ask for output. A fault ends the lease and
+    is left by `reset` alone. `arming` counts armings.
+    """
+
+    def __init__(self) -> None:
+        self.state = DISCONNECTED
+        self.fault_reason: str | None = None
+        self.arming = 0
+        self.lease_until_s = -inf
+        self._lease: Lease | None = None
+
+    @property
+    def armed(self) -> bool:
+        """Whether there is a lease."""
+        return self.state in (ARMED, RENDERING)
+
+    def connected(self) -> None:
+        """Everything that the output needs is there."""
+        if self.state is DISCONNECTED:
+            self.state = IDLE
+
+    def arm(self, now_s: float, lease_s: float) -> Lease:
+        """Idle -> armed."""
+        if self.armed:
+            raise RefusedError("already_armed", "somebody holds the lease", "wait for it to end, or disarm first")
+        if self.state is FAULT:
+            raise RefusedError("fault", f"the daemon is in fault: {self.fault_reason}", "remove the cause, then reset")
+        if self.state is not IDLE:
+            raise RefusedError("not_connected", "the rig is not connected yet", "wait until the state is idle")
+        self._lease = Lease(token=secrets.token_urlsafe(16), lease_s=lease_s)
+        self.state = ARMED
+        self.arming += 1
+        self.lease_until_s = now_s + lease_s
+        return self._lease
+
+    def renew(self, token: str, now_s: float) -> Lease:
+        """The lease counts from now again."""
+        lease = self._held(token, now_s)
+        self.lease_until_s = now_s + lease.lease_s
+        return lease
+
+    def render(self, token: str, now_s: float) -> None:
+        """Armed or rendering -> rendering."""
+        self._held(token, now_s)
+        self.state = RENDERING
+
+    def off(self) -> None:
+        """Rendering -> armed; elsewhere nothing changes."""
+        if self.state is RENDERING:
+            self.state = ARMED
+
+    def disarm(self) -> None:
+        """Armed or rendering -> idle."""
+        if self.armed:
+            self.state = IDLE
+        self._lease, self.lease_until_s = None, -inf
+
+    def fault(self, reason: str) -> bool:
+        """Any state -> fault; True when that is news. The first reason is kept."""
+        news = self.state is not FAULT
+        self.disarm()
+        self.state = FAULT
+        self.fault_reason = self.fault_reason if self.fault_reason is not None else reason
+        return news
+
+    def reset(self) -> None:
+        """Fault -> idle."""
+        if self.state is FAULT:
+            self.state, self.fault_reason = IDLE, None
+
+    def _held(self, token: str, now_s: float) -> Lease:
+        if self._lease is None:
+            raise RefusedError("not_armed", f"nobody holds a lease; the daemon is {self.state}", "arm first")
+        if not secrets.compare_digest(token.encode(), self._lease.token.encode()):
+            raise RefusedError("not_yours", "somebody else holds the lease", "wait for it to end, or disarm and arm")
+        if now_s > self.lease_until_s:
+            raise RefusedError("lease_expired", "the lease has run out", "arm again, and renew it in time")
+        return self._lease

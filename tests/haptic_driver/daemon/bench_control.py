@@ -1,0 +1,149 @@
+"""A `Control` in memory for tests of the API and its clients: the daemon's own state machine, a clock, no rig; no test.
+
+`calls` lists every call that asked for a change, also those that were refused.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+
+from haptic_driver.daemon.records import SAMPLE, DaemonState, Event, RefusedError, Status
+from haptic_driver.daemon.state_machine import StateMachine
+from haptic_driver.errors import BadInputError
+
+
+class BenchControl:
+    def __init__(self):
+        self.machine = StateMachine()
+        self.machine.connected()
+        self.calls = []
+        self.ticks = 0
+        self.cof = None
+        self.texture = None
+        self.recording = None
+        self.shown_off = True  # whether switching off can be shown
+        self.told = []
+        self._lock = threading.RLock()
+        self._tell("state", "idle")
+
+    def _tell(self, kind, message):
+        self.told.append(Event(number=len(self.told) + 1, time_s=time.monotonic(), kind=kind, message=message))
+
+    def _expire(self):
+        if self.machine.armed and time.monotonic() > self.machine.lease_until_s:
+            self.machine.disarm()
+            self._tell("lease", "the lease ran out; output off")
+
+    def status(self):
+        with self._lock:
+            self._expire()
+            self.ticks += 1
+            rendering = self.machine.state is DaemonState.RENDERING
+            return Status(
+                state=self.machine.state,
+                simulated=True,
+                rig="bench",
+                texture=self.texture if rendering else None,
+                target_cof=self.cof if rendering else None,
+                measured_cof=float("nan"),
+                frequency_hz=250.0 if rendering else None,
+                voltage_v=75.0 if rendering else 0.0,
+                output_on=rendering if self.shown_off else None,
+                ticks=self.ticks,
+                overruns=0,
+                flags=[],
+                fault=self.machine.fault_reason,
+                lease_left_s=self.machine.lease_until_s - time.monotonic() if self.machine.armed else None,
+                actuator="none",
+                real_time=False,
+                latency_budget_s={"total": 0.01},
+                surface_hash="0" * 8,
+                recording=self.recording,
+            )
+
+    def _change(self, name, *arguments):
+        self.calls.append((name, *arguments))
+        self._expire()
+
+    def arm(self, lease_s):
+        with self._lock:
+            self._change("arm", lease_s)
+            lease = self.machine.arm(time.monotonic(), lease_s)
+            self._tell("state", "armed")
+            return lease
+
+    def renew(self, token):
+        with self._lock:
+            self._change("renew")
+            return self.machine.renew(token, time.monotonic())
+
+    def _render(self, token, cof, texture):
+        with self._lock:
+            self.machine.renew(token, time.monotonic())
+            self.machine.render(token, time.monotonic())
+            self.cof, self.texture = cof, texture
+            self._tell("target", texture or f"friction {cof:g}")
+        return self.status()
+
+    def set_target(self, token, cof):
+        self._change("set", cof)
+        return self._render(token, cof, None)
+
+    def play(self, token, texture):
+        self._change("play", texture)
+        if texture not in self.textures():
+            raise BadInputError("unknown_texture", f"there is no texture {texture!r}", "did you mean 'linen'?")
+        return self._render(token, None, texture)
+
+    def off(self):
+        with self._lock:
+            self._change("off")
+            self.machine.off()
+        return self.status()
+
+    def disarm(self):
+        with self._lock:
+            self._change("disarm")
+            self.machine.disarm()
+            self._tell("state", "disarmed")
+        return self.status()
+
+    def fail(self, reason):
+        with self._lock:
+            self.machine.fault(reason)
+            self._tell("fault", reason)
+
+    def reset(self):
+        with self._lock:
+            self._change("reset")
+            if self.machine.state is not DaemonState.FAULT:
+                raise RefusedError("no_fault", "the daemon is not in fault", "nothing to reset")
+            self.machine.reset()
+        return self.status()
+
+    def record(self, path):
+        self._change("record", path)
+        self.recording = path
+        return self.status()
+
+    def textures(self):
+        return ["grating", "linen"]
+
+    def samples(self, since_tick, most):
+        samples = np.zeros(5, SAMPLE)
+        samples["tick"] = np.arange(self.ticks, self.ticks + 5)
+        samples["lateness_s"] = [1e-6, 15e-6, 15e-6, 3e-3, 1.0]
+        samples["measured_cof"] = [np.nan, 0.5, 0.5, 0.5, np.nan]
+        return samples[samples["tick"] > since_tick][-most:]
+
+    def events(self, since):
+        return [event for event in self.told if event.number > since]
+
+    def surface_map(self):
+        return {"frequency_hz": [100.0, 200.0], "voltage_v": [0.0, 50.0], "cof": [[0.5, 0.6], [0.5, None]]}
+
+    def texture_map(self):
+        return {"x_m": [0.0, 0.01], "y_m": [0.0], "cof": [[0.5, None]]}

@@ -1,0 +1,69 @@
+"""A daemon with a client of its own, as a process that a test may kill; not a test.
+
+    python killable.py AMPLIFIER_RECORD
+
+arms, sets a friction and renews. Reports every change of state as a JSON line, with the process ids at that time. A
+line on standard input makes it reset what is in fault and go on; the end of standard input ends it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from haptic_driver.daemon.control_process import Daemon
+from haptic_driver.daemon.records import DaemonState
+from haptic_driver.daemon.set_up import daemon_settings
+from haptic_driver.errors import HapticError
+
+LEASE_S = 0.5
+FRICTION = 0.65
+
+
+def report(daemon: Daemon, state: str) -> None:
+    pids = {"control": os.getpid(), **daemon.pids}
+    print(json.dumps({"state": state, "pids": pids, "fault": daemon.status().fault}), flush=True)
+
+
+def go(daemon: Daemon) -> str:
+    """Reset, arm and render, as soon as that is possible; the token."""
+    while True:
+        try:
+            if daemon.status().state is DaemonState.FAULT:
+                daemon.reset()
+            daemon.disarm()
+            lease = daemon.arm(LEASE_S)
+            daemon.set_target(lease.token, FRICTION)
+            return lease.token
+        except HapticError:
+            time.sleep(0.05)
+
+
+def main() -> None:
+    record = Path(sys.argv[1])
+    with Daemon(daemon_settings("simulated", "reference", amplifier_record=record)) as daemon:
+        token, told = go(daemon), None
+        while True:
+            state = daemon.status().state
+            if state is DaemonState.RENDERING:
+                with suppress(HapticError):  # too late, on a loaded machine
+                    daemon.renew(token)
+            elif state is not DaemonState.FAULT:
+                token = go(daemon)
+                continue
+            if state != told:
+                report(daemon, state)
+                told = state
+            if select.select([sys.stdin], [], [], 0.02)[0]:
+                if not sys.stdin.readline():
+                    return
+                token = go(daemon)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,239 @@
+"""The whole daemon on simulated instruments: what its callers are promised, checked at the simulated electrode."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from haptic_driver.daemon.control_process import Daemon
+from haptic_driver.daemon.records import DaemonState, RefusedError
+from haptic_driver.daemon.render_process import RenderSettings
+from haptic_driver.daemon.set_up import DaemonSettings, latency_budget_s, tick_settings
+from haptic_driver.daemon.simulated_lines import Lines
+from haptic_driver.errors import BadInputError, HapticError
+from hw.transport.tcp import TcpTransport
+
+HANG_S = 30.0
+
+
+def until(condition):
+    """Wait for it; what it gave."""
+    until_s = time.monotonic() + HANG_S
+    while not (found := condition()):
+        assert time.monotonic() < until_s
+        time.sleep(0.005)
+    return found
+
+
+@pytest.fixture(scope="module")
+def settings(rig_config, surface_file, tmp_path_factory):
+    record = tmp_path_factory.mktemp("amplifier") / "record.txt"
+    render = RenderSettings(tick_settings(rig_config, surface_file))
+    return DaemonSettings("simulated", "reference", rig_config, surface_file, render, amplifier_record=record)
+
+
+@pytest.fixture(scope="module")
+def running(settings):
+    with Daemon(settings) as daemon:
+        yield daemon
+
+
+@pytest.fixture
+def daemon(running):
+    yield running
+    running.disarm()
+
+
+@pytest.fixture
+def electrode_v(settings):
+    """The voltage at the electrode now, by the amplifier's own record."""
+
+    def voltage():
+        return float(settings.amplifier_record.read_text().split()[-1])
+
+    return voltage
+
+
+def refusal(call, *arguments):
+    with pytest.raises(RefusedError) as refused:
+        call(*arguments)
+    return refused.value.code
+
+
+def keep_rendering(daemon, token, condition):
+    """Renew the lease until the condition holds."""
+    return until(lambda: daemon.renew(token) and condition())
+
+
+def test_friction_follows_its_target_through_bytes_and_back(daemon, electrode_v):
+    lease = daemon.arm(2.0)
+    assert daemon.status().state is DaemonState.ARMED
+    assert electrode_v() == 0.0
+    for cof in (0.60, 0.68):
+        status = daemon.set_target(lease.token, cof)
+        assert status.state is DaemonState.RENDERING
+        keep_rendering(daemon, lease.token, lambda: electrode_v() > 10.0)
+
+        def settled(cof=cof):
+            found = daemon.samples(0, 300)
+            sliding = np.isfinite(found["measured_cof"]) & (found["target_cof"] == cof)
+            return sliding.sum() > 250 and abs(found["measured_cof"][sliding].mean() / cof - 1.0) < 0.05
+
+        keep_rendering(daemon, lease.token, settled)
+    status = daemon.status()
+    assert status.simulated
+    assert (status.target_cof, status.texture) == (0.68, None)
+    status = daemon.off()
+    assert electrode_v() == 0.0
+    assert (status.state, status.output_on) == (DaemonState.ARMED, False)
+
+
+def test_off_is_off_at_once_and_stays_so_until_asked_again(daemon, electrode_v):
+    lease = daemon.arm(2.0)
+    for _ in range(10):
+        daemon.set_target(lease.token, 0.65)
+        keep_rendering(daemon, lease.token, lambda: electrode_v() > 1.5)
+        daemon.off()
+        assert electrode_v() == 0.0
+        time.sleep(0.02)
+        assert electrode_v() == 0.0
+
+
+def test_a_lost_client_takes_the_output_to_zero_and_the_lease_away(daemon, electrode_v):
+    lease = daemon.arm(0.3)
+    daemon.set_target(lease.token, 0.65)
+    keep_rendering(daemon, lease.token, lambda: electrode_v() > 10.0)
+    until(lambda: daemon.status().state is DaemonState.IDLE)
+    assert electrode_v() == 0.0
+    assert refusal(daemon.renew, lease.token) == "not_armed"
+    assert "lease_lost" in daemon.status().flags
+    assert any(event.kind == "lease" for event in daemon.events(0))
+    daemon.arm(0.3)
+    assert daemon.status().flags == []
+
+
+def test_nothing_is_rendered_without_the_lease(daemon, electrode_v):
+    assert refusal(daemon.set_target, "guessed", 0.6) == "not_armed"
+    lease = daemon.arm(2.0)
+    assert refusal(daemon.set_target, "guessed", 0.6) == "not_yours"
+    assert refusal(daemon.arm, 2.0) == "already_armed"
+    assert refusal(daemon.reset) == "no_fault"
+    with pytest.raises(BadInputError, match="there is no texture 'gratin'"):
+        daemon.play(lease.token, "gratin")
+    assert daemon.status().state is DaemonState.ARMED
+    assert electrode_v() == 0.0
+
+
+def test_textures_are_swapped_while_they_play_and_can_be_drawn(daemon):
+    lease = daemon.arm(5.0)
+    assert {"grating", "sandpaper", "steps"} <= set(daemon.textures())
+    for name in ("grating", "sandpaper", "linen", "steps", "grating"):
+        status = daemon.play(lease.token, name)
+        assert (status.state, status.texture) == (DaemonState.RENDERING, name)
+        daemon.renew(lease.token)
+    drawn = daemon.texture_map()
+    assert np.shape(drawn["cof"]) == (len(drawn["y_m"]), len(drawn["x_m"]))
+    x = np.array(drawn["x_m"])
+    grating = np.array(drawn["cof"])[0]
+    assert np.ptp(grating[x < 0.02]) > 0.02
+
+
+def test_the_surface_can_be_drawn(daemon, surface_file):
+    drawn = daemon.surface_map()
+    cof = np.array(drawn["cof"], dtype=float)
+    assert cof.shape == (len(drawn["frequency_hz"]), len(drawn["voltage_v"]))
+    assert drawn["frequency_hz"][0] == pytest.approx(surface_file.frequency_hz[0])
+    assert np.all(np.diff(cof[10][np.isfinite(cof[10])]) >= 0.0)
+
+
+def test_samples_and_events_are_told_once(daemon):
+    last = int(daemon.samples(0, 1)["tick"][0])
+    until(lambda: daemon.status().ticks > last + 20)
+    more = daemon.samples(last, 50)
+    assert len(more) >= 10
+    assert np.all(more["tick"] > last)
+    assert np.all(np.diff(more["tick"].astype(int)) >= 1)
+    daemon.arm(1.0)
+    events = daemon.events(0)
+    assert [event.number for event in events] == list(range(events[0].number, events[0].number + len(events)))
+    assert daemon.events(events[-1].number) == []
+    assert len(daemon.events(events[-2].number)) == 1
+
+
+def test_status_says_what_latency_is_made_of(daemon, rig_config):
+    budget = daemon.status().latency_budget_s
+    assert budget["total"] == pytest.approx(sum(value for name, value in budget.items() if name != "total"))
+    assert budget["set_point"] == pytest.approx(0.005)
+    slower = rig_config.model_copy(update={"output": rig_config.output.model_copy(update={"latency_s": 0.1})})
+    assert latency_budget_s(slower, 0.001)["instrument"] == pytest.approx(0.095)
+
+
+def test_a_trip_of_the_amplifier_is_a_fault_until_it_is_reset(daemon, electrode_v):
+    lease = daemon.arm(2.0)
+    daemon.set_target(lease.token, 0.65)
+    keep_rendering(daemon, lease.token, lambda: electrode_v() > 10.0)
+    lines = Lines(TcpTransport.from_resource(daemon.endpoints["amplifier_lines"]))
+    lines.write(False)  # somebody presses the E-stop
+    lines.close()
+    until(lambda: daemon.status().state is DaemonState.FAULT)
+    assert electrode_v() == 0.0
+    status = daemon.status()
+    assert "enable line" in status.fault
+    assert "tripped" in status.flags
+    assert refusal(daemon.renew, lease.token) == "not_armed"
+    assert refusal(daemon.arm, 1.0) == "fault"
+    assert daemon.reset().state is DaemonState.IDLE
+    assert daemon.status().fault is None
+
+
+def test_real_hardware_is_not_armed_without_real_time_scheduling(daemon, rig_config, monkeypatch):
+    real = replace(daemon.settings, config=rig_config.model_copy(update={"simulated": False}))
+    monkeypatch.setattr(daemon, "_real_time", False)
+    monkeypatch.setattr(daemon, "settings", real)
+    assert refusal(daemon.arm, 1.0) == "no_real_time"
+    monkeypatch.setattr(daemon, "settings", replace(real, allow_no_rt=True))
+    assert daemon.arm(1.0).lease_s == 1.0
+    daemon.disarm()
+    monkeypatch.setattr(daemon, "settings", real)
+    monkeypatch.setattr(daemon, "_real_time", True)
+    assert daemon.arm(1.0).lease_s == 1.0
+
+
+def test_a_rig_without_sensors_does_not_start(settings, rig_config):
+    real = replace(settings, config=rig_config.model_copy(update={"simulated": False}))
+    with pytest.raises(HapticError) as refused:
+        Daemon(real).start()
+    assert refused.value.code == "no_sensors"
+
+
+def test_the_command_ends_with_the_output_off_and_a_killed_one_is_replaced(tmp_path):
+    path = tmp_path / "run" / "daemon.sock"
+    command = [sys.executable, "-m", "haptic_driver.daemon", "--socket", str(path)]
+
+    def start():
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        for line in process.stderr:
+            if "ready at" in line:
+                return process
+        raise AssertionError("it ended")
+
+    killed = start()
+    killed.kill()
+    killed.wait()
+    killed.stderr.close()
+    assert path.exists()
+    process = start()
+    assert oct(path.stat().st_mode & 0o777) == "0o600"
+    os.kill(process.pid, signal.SIGTERM)
+    said = process.stderr.read()
+    process.stderr.close()
+    assert process.wait(HANG_S) == 0
+    assert "the output is off" in said
+    assert not path.exists()

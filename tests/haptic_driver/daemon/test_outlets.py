@@ -1,0 +1,168 @@
+"""LSL and OSC as their own receivers see them, over loopback."""
+
+import json
+import socket
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from haptic_driver.daemon.outlets import LslOutlet, OscOutlet, feeding
+from haptic_driver.daemon.records import Event
+from haptic_driver.daemon.shared_state import SharedState
+from haptic_driver.errors import BadInputError, HapticError
+
+HANG_S = 60.0
+EVENT = Event(number=3, time_s=2.0, kind="marker", message="begin", data={"trial": 1})
+LSL_ON_LOOPBACK = "[multicast]\nResolveScope = machine\nIPv6 = disable\n[ports]\nIPv6 = disable\n"
+
+
+@pytest.fixture
+def shared():
+    state = SharedState()
+    yield state
+    state.close()
+
+
+def write_tick(shared, tick):
+    values = (
+        tick,
+        tick * 1e-3,
+        0.0,
+        0.0,
+        0.0,
+        0.01,
+        0.02,
+        0.0,
+        0.0,
+        0.05,
+        0.5,
+        0.3,
+        1,
+        0.6,
+        0.6,
+        float("nan"),
+        1.0,
+        250.0,
+        80.0,
+        1,
+        0,
+    )
+    shared.ring.write(values)
+
+
+class Telling:
+    """An event log to which one event is added, and an outlet that keeps what it gets, or fails."""
+
+    def __init__(self, error=None):
+        self.events, self.got, self.error = [], [], error
+
+    def since(self, number):
+        return [event for event in self.events if event.number > number]
+
+    def send(self, samples, events):
+        if self.error is not None:
+            raise self.error
+        self.got.append((samples["tick"].tolist(), list(events)))
+
+
+def await_true(condition):
+    until_s = time.monotonic() + HANG_S
+    while not condition():
+        assert time.monotonic() < until_s
+        time.sleep(0.005)
+
+
+def test_outlets_get_what_is_new_once_and_a_failing_one_ends_alone(shared):
+    write_tick(shared, 1)
+    good, bad, said = Telling(), Telling(OSError("no route")), []
+    good.events = [EVENT.model_copy(update={"number": 2})]
+    with feeding([bad, good], shared.ring, good.since, said.append):
+        await_true(lambda: said)
+        good.events.append(EVENT)
+        for tick in range(2, 50):
+            write_tick(shared, tick)
+        await_true(lambda: sum(len(ticks) for ticks, _ in good.got) == 48 and any(events for _, events in good.got))
+    assert [tick for ticks, _ in good.got for tick in ticks] == list(range(2, 50))
+    assert [event for _, events in good.got for event in events] == [EVENT]
+    assert said == ["Telling ended: no route"]
+
+
+def test_osc_messages_are_read_by_an_osc_parser(shared):
+    osc = pytest.importorskip("pythonosc.osc_message", reason="python-osc is not installed")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(HANG_S)
+        outlet = OscOutlet(f"127.0.0.1:{receiver.getsockname()[1]}")
+        write_tick(shared, 1)
+        write_tick(shared, 2)
+        outlet.send(shared.ring.read(0).samples, [EVENT])
+        sample, event = (osc.OscMessage(receiver.recv(2048)) for _ in range(2))
+        outlet._client._sock.close()
+    assert sample.address == "/haptic/sample"
+    np.testing.assert_allclose(sample.params, [0.01, 0.02, 0.6, np.nan, 250.0, 80.0, 0.5], rtol=1e-6)
+    assert event.address == "/haptic/event"
+    assert event.params[:3] == [3, "marker", "begin"]
+    assert json.loads(event.params[3]) == {"trial": 1}
+
+
+@pytest.mark.parametrize("address", ["9000", "127.0.0.1:", "127.0.0.1:x", ":9000", "127.0.0.1:0", "127.0.0.1:70000"])
+def test_a_bad_osc_address_is_refused(address):
+    with pytest.raises(BadInputError, match="is no HOST:PORT"):
+        OscOutlet(address)
+
+
+LSL_DIALOGUE = """
+import sys, time
+import numpy as np
+import pylsl
+from haptic_driver.daemon.outlets import LslOutlet
+from haptic_driver.daemon.records import SAMPLE, Event
+
+outlet = LslOutlet(1000.0, "test")
+inlets = []
+for name in ("haptic-samples", "haptic-events"):
+    found = pylsl.resolve_byprop("name", name, timeout=30.0)
+    inlets.append(pylsl.StreamInlet(found[0]))
+    inlets[-1].open_stream(timeout=30.0)
+samples = np.zeros(3, SAMPLE)
+now_s = time.monotonic()
+samples["tick"], samples["time_s"], samples["target_cof"] = [7, 8, 9], now_s + np.arange(3) * 1e-3, 0.6
+outlet.send(samples, [Event(number=3, time_s=now_s, kind="marker", message="begin")])
+rows, stamps = zip(*(inlets[0].pull_sample(timeout=30.0) for _ in range(3)))
+marker, stamp = inlets[1].pull_sample(timeout=30.0)
+channel = inlets[0].info().desc().child("channels").child("channel")
+assert channel.child_value("label") == "tick"
+assert [row[0] for row in rows] == [7.0, 8.0, 9.0]
+assert [row[SAMPLE.names.index("target_cof")] for row in rows] == [0.6] * 3
+assert np.allclose(np.diff(stamps), 1e-3, atol=1e-6)
+assert abs(stamps[0] - pylsl.local_clock()) < 60.0 and abs(stamp - stamps[0]) < 1e-3
+assert '"begin"' in marker[0]
+"""
+
+
+def test_lsl_streams_are_received_by_lsl(tmp_path, monkeypatch):
+    pytest.importorskip("pylsl", reason="pylsl is not installed")
+    (tmp_path / "lsl.cfg").write_text(LSL_ON_LOOPBACK)
+    monkeypatch.setenv("LSLAPICFG", str(tmp_path / "lsl.cfg"))
+    done = subprocess.run(
+        [sys.executable, "-c", LSL_DIALOGUE], capture_output=True, text=True, timeout=2 * HANG_S, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("module", "extra", "make"),
+    [
+        ("pylsl", "lsl", lambda: LslOutlet(1000.0, "test")),
+        ("pythonosc.udp_client", "osc", lambda: OscOutlet("127.0.0.1:9")),
+    ],
+)
+def test_a_missing_package_names_its_extra(monkeypatch, module, extra, make):
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(HapticError) as missing:
+        make()
+    assert missing.value.code == "missing_package"
+    assert f"haptic-driver[{extra}]" in missing.value.hint

@@ -1,0 +1,103 @@
+"""One daemon per place; children say that they are ready, and how they ended."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import stat
+import subprocess
+import sys
+
+import pytest
+
+from haptic_driver.daemon.processes import Child, Place, default_socket
+from haptic_driver.errors import HapticError
+
+LEFT_BEHIND = """
+import os, sys
+from pathlib import Path
+from haptic_driver.daemon.processes import Place
+place = Place(Path(sys.argv[1]))
+os.kill(os.getpid(), 9)
+"""
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "run" / "daemon.sock"
+
+
+def test_the_socket_can_be_reached_by_its_user_alone_and_goes_with_the_daemon(path):
+    place = Place(path)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
+    with socket.socket(socket.AF_UNIX) as client:
+        client.connect(str(path))
+    place.close()
+    assert not path.exists()
+
+
+def test_a_second_daemon_at_the_same_place_is_refused_and_leaves_the_first_alone(path):
+    place = Place(path)
+    with pytest.raises(HapticError) as refused:
+        Place(path)
+    assert refused.value.code == "already_running"
+    with socket.socket(socket.AF_UNIX) as client:
+        client.connect(str(path))
+    place.close()
+
+
+def test_what_a_killed_daemon_left_behind_is_replaced(path):
+    killed = subprocess.run([sys.executable, "-c", LEFT_BEHIND, str(path)], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert path.exists()
+    place = Place(path)
+    with socket.socket(socket.AF_UNIX) as client:
+        client.connect(str(path))
+    place.close()
+
+
+def test_a_file_that_is_no_socket_is_left_alone(path):
+    path.parent.mkdir(mode=0o700)
+    path.write_text("precious")
+    with pytest.raises(HapticError) as refused:
+        Place(path)
+    assert refused.value.code == "not_a_socket"
+    assert path.read_text() == "precious"
+
+
+def test_a_folder_in_which_others_may_write_is_refused(path):
+    path.parent.mkdir()
+    path.parent.chmod(0o777)
+    with pytest.raises(HapticError) as refused:
+        Place(path)
+    assert refused.value.code == "folder_not_private"
+
+
+def test_the_default_socket_is_in_the_users_own_runtime_folder(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    assert default_socket() == tmp_path / "haptic" / "daemon.sock"
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    assert f"haptic-{os.getuid()}" in str(default_socket())
+
+
+def test_a_child_that_says_nothing_useful_is_ended_and_told_of():
+    child = Child("this", "this", [])  # the module prints a poem
+    with pytest.raises(HapticError) as refused:
+        child.ready(30.0)
+    assert refused.value.code == "not_started"
+    assert child.ended is not None
+
+
+def test_how_a_child_ended_is_said_in_words(tmp_path):
+    child = Child("pretty", "json.tool", ["/dev/stdin"])
+    assert child.ended is None
+    os.kill(child.pid, signal.SIGKILL)
+    child.stop()
+    assert child.ended == "the pretty process was killed by SIGKILL"
+    failing = Child("failing", "json.tool", [str(tmp_path / "missing")])
+    failing._process.wait(30.0)
+    assert failing.ended is not None
+    assert "the failing process ended with status" in failing.ended
+    failing.stop()

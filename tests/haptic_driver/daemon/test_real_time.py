@@ -1,0 +1,84 @@
+"""Instants are kept absolutely; those that are missed are counted and never made up for."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptic_driver.daemon import real_time
+from haptic_driver.daemon.real_time import Metronome
+
+
+class Clock:
+    """A clock that only sleeping and working move on."""
+
+    def __init__(self, start_s=100.0):
+        self.now_s = start_s
+
+    def __call__(self):
+        return self.now_s
+
+    def sleep_until(self, time_s):
+        self.now_s = max(self.now_s, time_s)
+
+
+def metronome(clock, number=0):
+    return Metronome(0.5, number, clock=clock, sleep_until=clock.sleep_until)
+
+
+def test_instants_lie_on_a_grid_no_matter_how_long_work_takes():
+    clock = Clock()
+    beat = metronome(clock)
+    for number, work_s in enumerate((0.1, 0.4, 0.0, 0.49), start=1):
+        due = beat.wait()
+        assert (due.number, due.due_s, due.missed) == (number, 100.0 + 0.5 * number, 0)
+        clock.now_s += work_s
+
+
+def test_a_late_instant_is_served_at_once_with_its_lateness():
+    clock = Clock()
+    beat = metronome(clock)
+    beat.wait()
+    clock.now_s += 0.75  # into the interval after the next instant
+    due = beat.wait()
+    assert (due.number, due.missed) == (2, 0)
+    assert due.lateness_s == pytest.approx(0.25)
+
+
+def test_missed_instants_are_counted_and_left_out():
+    clock = Clock()
+    beat = metronome(clock)
+    beat.wait()
+    clock.now_s += 5.1
+    due = beat.wait()
+    assert (due.number, due.missed) == (11, 9)
+    following = beat.wait()
+    assert (following.number, following.missed) == (12, 0)
+    assert following.due_s == pytest.approx(106.0)
+
+
+def test_numbers_go_on_from_where_they_were():
+    assert metronome(Clock(), number=41).wait().number == 42
+
+
+@given(st.lists(st.floats(0.0, 3.0), max_size=50))
+def test_every_instant_is_served_once_or_missed_once(work_s):
+    clock = Clock()
+    beat = metronome(clock)
+    number = 0
+    for work in work_s:
+        due = beat.wait()
+        assert due.number == number + 1 + due.missed
+        assert due.due_s <= clock.now_s < due.due_s + 0.5 + 1e-9
+        number = due.number
+        clock.now_s += work
+
+
+def test_sleep_until_never_returns_early():
+    for pause_s in (0.003, 0.0, -1.0):
+        until_s = time.monotonic() + pause_s
+        real_time.sleep_until(until_s)
+        assert time.monotonic() >= until_s

@@ -1,0 +1,237 @@
+"""What render does by itself when the world around it goes wrong; time is made up."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+
+from haptic_driver.daemon.real_time import Due
+from haptic_driver.daemon.records import Flag
+from haptic_driver.daemon.render_process import Ramp, Renderer, RenderSettings
+from haptic_driver.daemon.set_up import tick_settings
+from haptic_driver.daemon.shared_state import NO_ORDER, Sensed, SharedState
+from haptic_driver.render.texture import Uniform
+
+PERIOD_S = 0.001
+FORBIDDEN = ("model", "hw", "h5py", "fastapi", "matplotlib", "haptic_driver.rig", "haptic_driver.config")
+
+
+class Bench:
+    """A renderer, the control that it believes to have, and a finger that slides at 50 mm/s under 0.5 N."""
+
+    def __init__(self, settings):
+        self.shared = SharedState()
+        self.now_s = 1000.0
+        self.renderer = Renderer(settings, self.shared, clock=lambda: self.now_s)
+        self.order = NO_ORDER
+        self.number = 0
+        self.touching, self.saturated, self.force_n = True, False, 0.5
+        self.lateral_n = math.nan  # unknown: nothing is learnt of the finger
+        self.sensing = self.beating = True
+
+    def command(self, **changed):
+        self.order = self.order._replace(number=self.order.number + 1, **changed)
+
+    def render(self, cof=0.65, lease_s=60.0):
+        number = self.order.target + 1
+        self.shared.targets.write(number, Uniform(cof))
+        self.command(arming=1, rendering=True, lease_until_s=self.now_s + lease_s, target=number)
+
+    def run(self, seconds, missed=0):
+        """Tick for so long; the outputs."""
+        outputs = []
+        for _ in range(round(seconds / PERIOD_S)):
+            self.number += 1 + missed
+            self.now_s += PERIOD_S * (1 + missed)
+            if self.sensing:
+                x_m = 0.02 + 0.05 * (self.now_s - 1000.0)
+                sensed = Sensed(
+                    self.now_s, x_m, 0.03, self.touching, self.now_s, self.force_n, self.lateral_n, self.saturated
+                )
+                self.shared.sensed.write(sensed)
+            if self.beating:
+                self.order = self.order._replace(beat_s=self.now_s)
+            self.shared.order.write(self.order)
+            outputs.append(self.renderer.step(Due(self.number, self.now_s, 0.0, missed)))
+        return outputs
+
+    def flags(self):
+        return Flag(self.shared.output.read().flags)
+
+
+@pytest.fixture(scope="session")
+def render_settings(rig_config, surface_file):
+    return RenderSettings(tick_settings(rig_config, surface_file))
+
+
+@pytest.fixture
+def bench(render_settings):
+    bench = Bench(render_settings)
+    yield bench
+    bench.shared.close()
+
+
+def test_no_output_before_anything_is_asked_for(bench):
+    assert not any(output.output_on for output in bench.run(0.05))
+    assert bench.flags() == Flag(0)
+
+
+def test_a_target_is_rendered_while_the_finger_touches(bench):
+    bench.render(0.65)
+    outputs = bench.run(0.1)
+    assert outputs[-1].output_on
+    assert outputs[-1].target_cof == 0.65
+    assert bench.flags() == Flag(0)
+    bench.touching = False
+    assert bench.run(PERIOD_S)[-1].voltage_v == 0.0
+    assert bench.flags() == Flag(0)
+
+
+def test_the_output_says_which_order_and_target_it_follows(bench):
+    bench.render()
+    assert (bench.run(PERIOD_S)[-1].order, bench.shared.output.read().target) == (1, 1)
+    bench.render(0.6)
+    assert (bench.run(PERIOD_S)[-1].order, bench.shared.output.read().target) == (2, 2)
+
+
+def test_a_new_target_acts_with_the_next_tick(bench):
+    bench.render(0.60)
+    before = bench.run(0.1)[-1]
+    bench.render(0.68)
+    after = bench.run(PERIOD_S)[-1]
+    assert after.target_cof == 0.68
+    assert after.voltage_v > before.voltage_v
+
+
+def test_an_order_to_stop_acts_with_the_next_tick(bench):
+    bench.render()
+    bench.run(0.1)
+    bench.command(rendering=False)
+    assert bench.run(PERIOD_S)[-1].voltage_v == 0.0
+
+
+def assert_ramps_to_zero(voltages_v, before_v, ramp_s):
+    assert all(later <= earlier for earlier, later in pairwise(voltages_v))
+    half = voltages_v[round(0.5 * ramp_s / PERIOD_S)]
+    assert 0.4 * before_v < half < 0.6 * before_v
+    assert voltages_v[round(ramp_s / PERIOD_S) + 1] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("what", "after_s", "flag"),
+    [("lease", 0.0, Flag.LEASE_LOST), ("beating", 0.25, Flag.LEASE_LOST), ("sensing", 0.1, Flag.STALE_SENSOR),
+     ("saturated", 0.0, Flag.SATURATED_SENSOR)],
+)  # fmt: skip
+def test_the_output_ramps_to_zero_when_it_may_not_be_trusted(bench, render_settings, what, after_s, flag):
+    bench.render()
+    before_v = bench.run(0.2)[-1].voltage_v
+    assert before_v > 10.0
+    if what == "lease":
+        bench.command(lease_until_s=bench.now_s)
+    else:
+        setattr(bench, what, what == "saturated")
+    still = bench.run(after_s)
+    assert all(output.output_on for output in still)
+    assert flag not in Flag(still[-1].flags) if still else True
+    outputs = bench.run(0.1)
+    assert_ramps_to_zero([output.voltage_v for output in outputs], before_v, render_settings.ramp_s)
+    assert bench.flags() == flag
+
+
+def test_flags_stay_up_until_the_next_arming(bench):
+    bench.render()
+    bench.run(0.1)
+    bench.saturated = True
+    bench.run(0.1)
+    bench.saturated = False
+    assert bench.run(0.1)[-1].output_on
+    assert bench.flags() == Flag.SATURATED_SENSOR
+    bench.command(arming=2)
+    bench.run(PERIOD_S)
+    assert bench.flags() == Flag(0)
+
+
+def test_missed_ticks_are_counted_and_too_many_in_a_row_are_a_fault(bench, render_settings):
+    bench.render()
+    bench.run(0.1)
+    output = bench.run(PERIOD_S, missed=5)[-1]
+    assert (output.overruns, output.output_on, bench.flags()) == (5, True, Flag.OVERRUN)
+    bench.run(PERIOD_S)
+    at_once = render_settings.most_missed - 1
+    assert bench.run(PERIOD_S, missed=at_once)[-1].output_on
+    output = bench.run(PERIOD_S, missed=1)[-1]
+    assert (output.overruns, output.voltage_v) == (5 + at_once + 1, 0.0)
+    assert bench.flags() == Flag.OVERRUN | Flag.FAULT
+    assert not any(output.output_on for output in bench.run(0.1)), "a fault lasts until the next arming"
+    bench.command(arming=2)
+    assert bench.run(0.1)[-1].output_on
+    assert bench.flags() == Flag(0)
+
+
+def test_a_tick_in_time_ends_a_row_of_missed_ones(bench, render_settings):
+    bench.render()
+    bench.run(0.1)
+    for _ in range(5):
+        bench.run(PERIOD_S, missed=render_settings.most_missed - 1)
+        assert bench.run(PERIOD_S)[-1].output_on
+    assert Flag.FAULT not in bench.flags()
+
+
+def test_an_unreachable_target_is_flagged_and_the_nearest_friction_rendered(bench):
+    bench.render(5.0)
+    assert bench.run(0.1)[-1].output_on
+    assert bench.flags() == Flag.UNREACHABLE
+
+
+def test_a_point_beyond_the_limits_is_refused_and_flagged(render_settings):
+    limits = replace(render_settings.tick.limits, voltage_v=1.0)
+    bench = Bench(replace(render_settings, tick=replace(render_settings.tick, limits=limits)))
+    bench.render()
+    assert not any(output.output_on for output in bench.run(0.1))
+    assert bench.flags() == Flag.REJECTED
+
+
+def test_every_tick_leaves_one_sample(bench):
+    bench.lateral_n = 0.3
+    bench.render(0.65)
+    outputs = bench.run(0.3)
+    samples = bench.shared.ring.read(0).samples
+    assert samples["tick"].tolist() == [output.tick for output in outputs]
+    assert samples["voltage_v"].tolist() == [output.voltage_v for output in outputs]
+    last = samples[-1]
+    assert last["speed_m_s"] == pytest.approx(0.05, rel=1e-3)
+    assert last["measured_cof"] == pytest.approx(0.3 / 0.5)
+    latency_s = bench.renderer._settings.tick.finger.output_latency_s
+    assert last["output_x_m"] - last["position_x_m"] == pytest.approx(0.05 * latency_s, rel=1e-2)
+
+
+def test_measured_friction_is_told_of_a_sliding_finger_only(bench):
+    bench.lateral_n = 0.3
+    bench.render()
+    bench.touching = False
+    bench.run(0.05)
+    assert math.isnan(bench.shared.ring.read(0).samples[-1]["measured_cof"])
+
+
+def test_a_ramp_begins_again_after_trust_has_returned():
+    ramp = Ramp(1.0)
+    assert ramp.limit(0.0, 80.0, True) == 80.0
+    assert ramp.limit(1.0, 80.0, False) == 80.0
+    assert ramp.limit(1.5, 80.0, False) == 40.0
+    assert ramp.limit(1.6, 10.0, False) == 10.0
+    assert ramp.limit(2.5, 80.0, False) == 0.0
+    assert ramp.limit(3.0, 60.0, True) == 60.0
+    assert ramp.limit(3.5, 60.0, False) == 60.0
+    assert ramp.limit(4.0, 60.0, False) == 30.0
+
+
+def test_the_process_loads_neither_physics_nor_devices_nor_the_api():
+    code = "import sys, haptic_driver.daemon.render_process; print('\\n'.join(sys.modules))"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "haptic_driver.render.tick" in loaded
+    assert not [name for name in loaded if any(name == f or name.startswith(f + ".") for f in FORBIDDEN)]

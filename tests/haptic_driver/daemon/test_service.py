@@ -1,0 +1,92 @@
+"""What systemd hears, and the unit that starts the daemon."""
+
+from __future__ import annotations
+
+import configparser
+import os
+import shlex
+import socket
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.daemon.real_time import PRIORITY
+from haptic_driver.daemon.service import as_service, notify, watchdog_period_s
+
+UNIT = Path(__file__).parents[3] / "deploy" / "systemd" / "haptic@.service"
+HANG_S = 30.0
+
+
+@pytest.fixture
+def heard(tmp_path, monkeypatch):
+    """The next message to systemd."""
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(str(tmp_path / "notify"))
+        receiver.settimeout(HANG_S)
+        yield lambda: receiver.recv(100).decode()
+
+
+def test_ready_and_stopping(heard):
+    with as_service(lambda: 1):
+        assert heard() == "READY=1"
+    assert heard() == "STOPPING=1"
+
+
+def test_pats_only_while_ticks_advance(heard, monkeypatch):
+    monkeypatch.setenv("WATCHDOG_USEC", "20000")
+    monkeypatch.setenv("WATCHDOG_PID", str(os.getpid()))
+    calls, stalled_at = [], 5
+
+    def ticks():
+        calls.append(None)
+        return min(len(calls), stalled_at)
+
+    with as_service(ticks):
+        said = [heard() for _ in range(stalled_at)]
+        while len(calls) < stalled_at + 5:
+            pass
+    assert said == ["READY=1"] + ["WATCHDOG=1"] * (stalled_at - 1)
+    assert heard() == "STOPPING=1"
+
+
+@pytest.mark.parametrize(
+    ("microseconds", "pid", "period_s"),
+    [("30000000", None, 15.0), ("30000000", "1", None), ("", None, None), ("0", None, None), ("soon", None, None)],
+)
+def test_the_watchdog_is_patted_twice_as_often_as_asked(monkeypatch, microseconds, pid, period_s):
+    monkeypatch.setenv("WATCHDOG_USEC", microseconds)
+    monkeypatch.delenv("WATCHDOG_PID", raising=False)
+    if pid is not None:
+        monkeypatch.setenv("WATCHDOG_PID", pid)
+    assert watchdog_period_s() == period_s
+
+
+@pytest.mark.parametrize("address", [None, "", "/none/notify", "nowhere"])
+def test_without_systemd_nothing_happens(monkeypatch, address):
+    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
+    if address is not None:
+        monkeypatch.setenv("NOTIFY_SOCKET", address)
+    notify("READY=1")
+
+
+def test_the_unit_asks_for_what_the_daemon_needs():
+    unit = configparser.ConfigParser(interpolation=None, strict=True)
+    unit.optionxform = str
+    unit.read(UNIT)
+    service = unit["Service"]
+    assert (service["Type"], service["UMask"], service["PrivateTmp"]) == ("notify", "0077", "yes")
+    assert int(service["LimitRTPRIO"]) >= PRIORITY
+    assert service["LimitMEMLOCK"] == "infinity"
+    assert int(service["WatchdogSec"]) > 0
+    assert service["KillMode"] == "mixed"
+    assert "CPUSchedulingPolicy" not in service
+
+
+def test_the_units_command_line_is_one_that_we_know(haptic):
+    line = next(line for line in UNIT.read_text().splitlines() if line.startswith("ExecStart="))
+    words = shlex.split(line.partition("=")[2])
+    options = {word for word in words if word.startswith("--")}
+    assert words[1:3] == ["daemon", "run"]
+    shown = haptic("daemon", "run", "--help").out
+    assert all(option in shown for option in options)

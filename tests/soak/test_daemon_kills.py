@@ -1,0 +1,85 @@
+"""Hours of rendering and hundreds of kills: zero within the lease each time, and the daemon comes back.
+
+`HAPTIC_SOAK_KILLS`: kills per process (200). `HAPTIC_SOAK_RENDER_S`: rendering without kills (3600).
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import time
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.daemon.control_process import Daemon
+from haptic_driver.daemon.records import DaemonState
+from haptic_driver.daemon.set_up import daemon_settings
+
+KILLS = int(os.environ.get("HAPTIC_SOAK_KILLS", "200"))
+RENDER_S = float(os.environ.get("HAPTIC_SOAK_RENDER_S", "3600"))
+PROCESSES = ("render", "watchdog", "instruments", "control")
+LEASE_S = 0.5
+LONGEST_WAIT_S = 3.0  # before a kill, at random
+HANG_S = 120.0
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(KILLS * 4 * 60 + 600)
+def test_every_kill_leaves_zero_within_the_lease(killable_daemon, process_exists):
+    order = [name for name in PROCESSES for _ in range(KILLS)]
+    chance = random.Random(1)
+    chance.shuffle(order)
+    daemon = killable_daemon()
+    for number, name in enumerate(order):
+        pids = daemon.await_output()
+        time.sleep(chance.uniform(0.0, LONGEST_WAIT_S))
+        _, after = daemon.kill(pids[name])
+        late = [t for t, voltage_v in after if voltage_v > 0.0 and t > LEASE_S]
+        assert not late, f"kill {number} of {name}: {late}"
+        if name == "control":
+            others = [pid for pid in pids.values() if pid != pids["control"]]
+            until_s = time.monotonic() + HANG_S
+            while any(map(process_exists, others)):
+                assert time.monotonic() < until_s, f"kill {number}: processes outlive control"
+                time.sleep(0.05)
+            daemon.close()
+            daemon = killable_daemon()
+        else:
+            assert daemon.await_fault()
+            daemon.go_on()
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(RENDER_S + 600)
+def test_an_hour_of_rendering_keeps_its_ticks_and_its_memory():
+    with Daemon(daemon_settings("simulated", "reference")) as daemon:
+        lease = daemon.arm(2.0)
+        daemon.play(lease.token, "grating")
+        began_s, position = time.monotonic(), daemon.shared.ring.position
+        first_tick = daemon.status().ticks
+        memory = None
+        seen = lost = 0
+        while (passed_s := time.monotonic() - began_s) < RENDER_S:
+            daemon.renew(lease.token)
+            taken = daemon.shared.ring.read(position)
+            position, seen, lost = taken.position, seen + len(taken.samples), lost + taken.lost
+            assert daemon.status().state is DaemonState.RENDERING
+            if memory is None and passed_s > min(60.0, 0.1 * RENDER_S):
+                memory = _resident_bytes(daemon)
+            time.sleep(0.1)
+        status = daemon.status()
+        ticks = status.ticks - first_tick
+        assert lost == 0
+        assert ticks == pytest.approx(1000.0 * RENDER_S, rel=0.01)
+        assert seen >= ticks - status.overruns - 1000
+        assert memory is not None
+        for name, resident in _resident_bytes(daemon).items():
+            assert resident < 1.2 * memory[name] + 20e6, name
+        daemon.off()
+    print(f"{ticks} ticks, {status.overruns} missed, flags {status.flags}")
+
+
+def _resident_bytes(daemon: Daemon) -> dict[str, int]:
+    pages = {name: int(Path(f"/proc/{pid}/statm").read_text().split()[1]) for name, pid in daemon.pids.items()}
+    return {name: count * os.sysconf("SC_PAGE_SIZE") for name, count in pages.items()}
