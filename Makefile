@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo demo-diagnosis test lint bench blind clean
+.PHONY: demo demo-diagnosis test soak lint bench validate blind clean
 
 .venv/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -28,10 +28,19 @@ lint: .venv/.test
 	$(BIN)/lint-imports
 
 test: lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+# Long tests and many repetitions: fault scripts by the ten thousand, and more.
+soak: .venv/.test
+	$(BIN)/python -m pytest -m soak
 
 bench: .venv/.test
 	$(BIN)/python -m benchmarks
+
+# The contact theory against a boundary-element solver: about 10 minutes on two cores; rewrites docs/validation.*.
+validate: .venv/.runtime
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[validate]'
+	$(BIN)/python -m validation
 
 # The full suite at SCALE 1 has 3,700 sets and takes hours; labels are opened after the last verdict.
 SCALE ?= 0.1

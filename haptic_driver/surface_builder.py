@@ -12,7 +12,8 @@ import numpy as np
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.correction import Correction
-from haptic_driver.surface_file import Array, SurfaceFile
+from haptic_driver.surface_file import Array, CofInterval, SurfaceFile
+from model import uncertainty
 from model.description import ModelDescription
 from model.effects.base import SPEED_REFERENCE_M_S
 from model.touch_model import Conditions, TouchModel
@@ -71,40 +72,70 @@ class SurfaceAxes:
         return np.geomspace(self.normal_force_low_n, self.normal_force_high_n, self.normal_force_count)
 
 
-def build_surface(
-    description: ModelDescription, limits: OperatingLimits, axes: SurfaceAxes | None = None
-) -> SurfaceFile:
-    """Solve the model on every point of `axes`; `limits` only mark `within_limits`, the rig applies its own."""
-    axes = axes or SurfaceAxes()
-    f, v, n = axes.frequency_hz, axes.voltage_v, axes.normal_force_n
-    touch = TouchModel(description)
-    solved = touch.surface(f, v, n)
-    grid_f = f[:, None, None]
-    return SurfaceFile(
-        frequency_hz=f,
-        voltage_v=v,
-        normal_force_n=n,
-        cof=solved.cof,
-        electrostatic_force_n=solved.electrostatic_force_n,
-        current_rms_a=solved.current_rms_a,
-        stuck_current_rms_a=solved.stuck_current_rms_a,
-        slew_v_per_s=2.0 * np.pi * f[:, None] * v,
-        pulled_in=solved.pulled_in,
-        within_theory=solved.within_theory,
-        within_limits=limits.permits(grid_f, v[:, None], solved.current_rms_a, solved.stuck_current_rms_a[:, :, None]),
-        provenance={
-            "model": description.provenance(),
-            "model_hash": description.content_hash,
-            "gap_table_hash": touch.table.content_hash,
-            "limits": repr(limits),
-            "waveform": "sine",
+class SurfaceBuilder:
+    """Surfaces on one set of axes: `rebuild` after every change of finger, screen or effects.
+
+    `limits` only mark `within_limits`, the rig applies its own. Not for several threads at once.
+    """
+
+    def __init__(self, limits: OperatingLimits, axes: SurfaceAxes | None = None) -> None:
+        self._limits = limits
+        self._axes = axes or SurfaceAxes()
+        self._programs = {
             "program": f"haptic-driver {version('haptic-driver')}",
             "numpy": version("numpy"),
             "scipy": version("scipy"),
-            "built_at": datetime.now(UTC).isoformat(timespec="seconds"),
-        },
-        correction=_correction(touch, axes),
-    )
+        }
+
+    def rebuild(self, description: ModelDescription, with_interval: bool = False) -> SurfaceFile:
+        """Solve the model on every point of the axes; `with_interval` adds how far friction may be off (about 1 s).
+
+        A few milliseconds, unless an effect bends the stack or the field with voltage (`benchmarks/surface_rebuild.py`
+        says how long), or a new roughness shape needs a gap table (under a second, once).
+        """
+        f, v, n = self._axes.frequency_hz, self._axes.voltage_v, self._axes.normal_force_n
+        touch = TouchModel(description)
+        solved = touch.surface(f, v, n)
+        interval = None
+        if with_interval and not description.is_published:
+            interval = CofInterval(*uncertainty.cof_interval(description, f, v, n, solved.cof))
+        return SurfaceFile(
+            frequency_hz=f,
+            voltage_v=v,
+            normal_force_n=n,
+            cof=solved.cof,
+            electrostatic_force_n=solved.electrostatic_force_n,
+            current_rms_a=solved.current_rms_a,
+            stuck_current_rms_a=solved.stuck_current_rms_a,
+            slew_v_per_s=2.0 * np.pi * f[:, None] * v,
+            pulled_in=solved.pulled_in,
+            within_theory=solved.within_theory,
+            within_limits=self._limits.permits(
+                f[:, None, None], v[:, None], solved.current_rms_a, solved.stuck_current_rms_a[:, :, None]
+            ),
+            provenance={
+                "model": description.provenance(),
+                "model_hash": description.content_hash,
+                "gap_table_hash": touch.table.content_hash,
+                "limits": repr(self._limits),
+                "waveform": "sine",
+                **({} if interval is None else {"uncertainty": uncertainty.provenance(description)}),
+                **self._programs,
+                "built_at": datetime.now(UTC).isoformat(timespec="seconds"),
+            },
+            correction=_correction(touch, self._axes),
+            cof_interval=interval,
+        )
+
+
+def build_surface(
+    description: ModelDescription,
+    limits: OperatingLimits,
+    axes: SurfaceAxes | None = None,
+    with_interval: bool = False,
+) -> SurfaceFile:
+    """One surface, by a `SurfaceBuilder` of its own."""
+    return SurfaceBuilder(limits, axes).rebuild(description, with_interval)
 
 
 def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:
@@ -112,27 +143,32 @@ def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:
     if not any(effect.needs for effect in touch.description.effects):
         return None
     f = np.geomspace(axes.frequency_low_hz, axes.frequency_high_hz, CORRECTION_FREQUENCIES)
-    n, speed = axes.normal_force_n, CORRECTION_SPEEDS_M_S
-    shape = (f.size, n.size, speed.size)
-    voltage = CORRECTION_VOLTAGES * axes.voltage_high_v
-    grid_f, grid_n, grid_s = (g.ravel() for g in np.meshgrid(f, n, speed, indexing="ij"))
+    n = axes.normal_force_n
+    voltage = np.concatenate([[0.0], CORRECTION_VOLTAGES * axes.voltage_high_v])
 
-    def cof(voltage_v: float, speed_m_s: Array, time_s: float) -> Array:
-        level = np.full(grid_f.shape, voltage_v)
-        at = Conditions(grid_f, level, grid_n, speed_m_s=speed_m_s, time_s=np.full(grid_f.shape, time_s))
-        return touch.predict(at).cof.reshape(shape)
+    def off_and_rise(speed_m_s: float) -> tuple[Array, Array]:
+        """Friction without voltage [n], and how much each voltage adds to it [f, n, v]."""
+        cof = touch.surface(f, voltage, n, speed_m_s=speed_m_s).cof.transpose(0, 2, 1)
+        return cof[0, :, 0], cof[:, :, 1:] - cof[:, :, :1]
 
-    reference = np.full(grid_f.shape, SPEED_REFERENCE_M_S)
-    off, off_reference = cof(0.0, grid_s, 0.0), cof(0.0, reference, 0.0)
-    gain = [(cof(v, grid_s, 0.0) - off) / (cof(v, reference, 0.0) - off_reference) for v in voltage]
-    over_time = [cof(0.0, reference, float(t))[0, 0, 0] for t in CORRECTION_TIMES_S]
+    off_reference, rise_reference = off_and_rise(SPEED_REFERENCE_M_S)
+    speed_matters = any("speed_m_s" in effect.needs for effect in touch.description.effects)
+    off, rise = zip(
+        *(
+            off_and_rise(s) if speed_matters else (off_reference, rise_reference)
+            for s in CORRECTION_SPEEDS_M_S.tolist()
+        ),
+        strict=True,
+    )
+    zero = np.zeros_like(CORRECTION_TIMES_S)
+    over_time = touch.predict(Conditions(zero, zero, zero + n[0], time_s=CORRECTION_TIMES_S)).cof
     return Correction(
         log_frequency=np.log(f),
         log_normal_force=np.log(n),
-        log_speed=np.log(speed),
-        voltage_v=voltage,
+        log_speed=np.log(CORRECTION_SPEEDS_M_S),
+        voltage_v=voltage[1:],
         time_s=CORRECTION_TIMES_S,
-        off_factor=(off / off_reference)[0],
-        gain_factor=np.stack(gain, axis=-1),
-        time_factor=np.array(over_time) / off_reference[0, 0, 0],
+        off_factor=np.stack(off, axis=1) / off_reference[:, None],
+        gain_factor=np.stack(rise, axis=2) / rise_reference[:, :, None],
+        time_factor=over_time / off_reference[0],
     )

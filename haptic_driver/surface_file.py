@@ -2,7 +2,8 @@
 
 Datasets `frequency_hz` [f], `voltage_v` [v], `normal_force_n` [n]; `cof`, `electrostatic_force_n`, `current_rms_a` and
 the masks `pulled_in`, `within_theory`, `within_limits` [f, v, n]; `stuck_current_rms_a`, `slew_v_per_s` [f, v]; where
-speed or time matter, the fields of `render/correction.py` as `correction_*`.
+speed or time matter, the fields of `render/correction.py` as `correction_*`; where the model's uncertainty was carried
+along, `cof_low` and `cof_high` [f, v, n], between which friction lies with 68 % probability.
 Attributes are strings and floats only (MATLAB's h5readatt fails on integers).
 """
 
@@ -13,13 +14,14 @@ import json
 import os
 from contextlib import suppress
 from dataclasses import dataclass, fields
+from math import log
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.limits import OperatingLimits
@@ -27,13 +29,21 @@ from haptic_driver.render.correction import Correction
 from haptic_driver.render.surface import Surface
 
 FORMAT = "haptic-driver surface"
-FORMAT_VERSION = 1.0
-CORRECTION = "correction_"  # before the names of a correction's datasets
+FORMAT_VERSION = 1.1
+READABLE_VERSIONS = (1.0, FORMAT_VERSION)  # 1.0 has no interval of friction
+CORRECTION, COF = "correction_", "cof_"  # before the names of a correction's datasets, and of an interval's
 ROUNDING = 1e-9  # kept clear of a limit, so that its own check by another path never fails by rounding
 FORCE_REFINEMENT = 4  # cells of the look-up per cell of the file along normal force, by a cubic through all levels
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+
+class CofInterval(NamedTuple):
+    """Friction [f, v, n] at the ends of a 68 % interval; infinite where the contact may have pulled in."""
+
+    low: Array
+    high: Array
 
 
 @dataclass(frozen=True)
@@ -53,6 +63,7 @@ class SurfaceFile:
     within_limits: Mask
     provenance: dict[str, Any]
     correction: Correction | None = None
+    cof_interval: CofInterval | None = None
 
     @property
     def content_hash(self) -> str:
@@ -66,9 +77,10 @@ class SurfaceFile:
         return digest.hexdigest()
 
     def _datasets(self) -> dict[str, NDArray[Any]]:
-        own = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("provenance", "correction")}
+        own = {name: getattr(self, name) for name in _REQUIRED}
         more = {} if self.correction is None else self.correction._asdict()
-        return own | {f"{CORRECTION}{name}": values for name, values in more.items()}
+        ends = {} if self.cof_interval is None else self.cof_interval._asdict()
+        return own | {f"{CORRECTION}{name}": x for name, x in more.items()} | {f"{COF}{k}": x for k, x in ends.items()}
 
     def write(self, path: Path) -> None:
         """Write atomically: a reader sees the old file or the new one, never half of one."""
@@ -92,6 +104,9 @@ class SurfaceFile:
                 part.unlink(missing_ok=True)
 
 
+_REQUIRED = [f.name for f in fields(SurfaceFile) if f.name not in ("provenance", "correction", "cof_interval")]
+
+
 def read_surface(path: Path) -> SurfaceFile:
     """Read and verify a surface file; BadInputError for a missing, damaged, foreign or newer one."""
     rebuild = "Build a new one with: haptic surface build --out surface.h5"
@@ -102,14 +117,15 @@ def read_surface(path: Path) -> SurfaceFile:
             if file.attrs.get("format") != FORMAT:
                 raise BadInputError("surface_foreign", f"{path}: is HDF5 but not a haptic-driver surface", rebuild)
             version = float(file.attrs["format_version"])
-            if version != FORMAT_VERSION:
+            if version not in READABLE_VERSIONS:
                 raise BadInputError(
                     "surface_version", f"{path}: has format {version:g}, this program reads {FORMAT_VERSION:g}", rebuild
                 )
-            names = [f.name for f in fields(SurfaceFile) if f.name not in ("provenance", "correction")]
-            arrays = {name: file[name][...] for name in names}
+            arrays = {name: file[name][...] for name in _REQUIRED}
             corrected = f"{CORRECTION}off_factor" in file
             more = {name: file[f"{CORRECTION}{name}"][...] for name in Correction._fields} if corrected else {}
+            bounded = f"{COF}low" in file
+            ends = {name: file[f"{COF}{name}"][...] for name in CofInterval._fields} if bounded else {}
             provenance = json.loads(file.attrs["provenance"])
             stored_hash = str(file.attrs["content_hash"])
         masks = ("pulled_in", "within_theory", "within_limits")
@@ -117,6 +133,7 @@ def read_surface(path: Path) -> SurfaceFile:
             **{n: a.astype(bool) if n in masks else a.astype(np.float64) for n, a in arrays.items()},
             provenance=provenance,
             correction=Correction(**more) if corrected else None,
+            cof_interval=CofInterval(**ends) if bounded else None,
         )
         intact = surface.content_hash == stored_hash
     except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
@@ -126,6 +143,19 @@ def read_surface(path: Path) -> SurfaceFile:
             "surface_corrupt", f"{path}: its content does not match its hash; the file is damaged", rebuild
         )
     return surface
+
+
+def cof_interval_at(
+    file: SurfaceFile, frequency_hz: float, voltage_v: float, normal_force_n: float
+) -> tuple[float, float] | None:
+    """The interval of friction at one point of the surface; None where the file carries none."""
+    if file.cof_interval is None:
+        return None
+    nodes = (np.log(file.frequency_hz), file.voltage_v, np.log(file.normal_force_n))
+    point = log(frequency_hz), voltage_v, log(normal_force_n)
+    inside = [np.clip(x, a[0], a[-1]) for x, a in zip(point, nodes, strict=True)]
+    low, high = (float(RegularGridInterpolator(nodes, end)(inside)[0]) for end in file.cof_interval)
+    return low, high
 
 
 def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
@@ -162,7 +192,10 @@ def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
 def _refined(values: Array, file: SurfaceFile, force: Array) -> Array:
     """`values` [f, v, n] on the finer normal forces: cubic in log(values) over log force; 0 at V = 0."""
     scaled = np.log(values[:, 1:])
-    known = np.isfinite(scaled).all(axis=2, keepdims=True)
-    spline = CubicSpline(np.log(file.normal_force_n), np.where(known, scaled, 0.0), axis=2)
-    fine = np.where(known, np.exp(spline(np.log(force))), np.nan)
-    return np.concatenate([np.zeros_like(fine[:, :1]), fine], axis=1)
+    known = np.asarray(np.isfinite(scaled).all(axis=2))
+    levels = np.log(file.normal_force_n)
+    weights = CubicSpline(levels, np.eye(levels.size))(np.log(force))  # a spline is linear in the values at its nodes
+    fine = np.zeros((*values.shape[:2], force.size))
+    np.exp(np.where(known[:, :, None], scaled, 0.0) @ weights.T, out=fine[:, 1:])
+    fine[:, 1:][~known] = np.nan
+    return fine

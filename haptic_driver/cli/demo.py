@@ -16,7 +16,8 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
 from haptic_driver.render.finger import FingerSettings
-from haptic_driver.render.texture import Texture
+from haptic_driver.render.kernels import FeedbackSettings
+from haptic_driver.render.texture import Target
 from haptic_driver.render.tick import TickSettings
 from haptic_driver.simulated_rig import SimulatedRig
 from haptic_driver.slides import WITHIN, Score, Slide, SlideRecord, read_slide, render_slide, score, synthetic_slide
@@ -37,6 +38,10 @@ def demo(
     model: ModelOption = "reference",
     surface: Annotated[Path | None, typer.Option("--surface", help="Surface file instead of building one.")] = None,
     rig: RigOption = "simulated",
+    feedback: Annotated[
+        bool,
+        typer.Option("--feedback/--no-feedback", help="Learn the finger's gain, careful until it is known."),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Slide a finger over a texture on a simulated rig and compare friction with its target.
@@ -54,7 +59,7 @@ def demo(
     wanted = load_texture(texture, texture_dirs())
     limits = config.operating_limits()
     file = read_surface(surface) if surface is not None else build_surface(description, limits)
-    settings = tick_settings(config, file, wanted)
+    settings = tick_settings(config, file, wanted, feedback=feedback)
     finger = description if config.simulation.model is None else load_model(config.simulation.model)
     with SimulatedRig(config, TouchModel(finger)) as bench, progress("sliding", slide.time_s.size) as advance:
         record = render_slide(slide, wanted, settings, bench, advance)
@@ -64,11 +69,15 @@ def demo(
     report(as_json, payload, lambda: _show(record, result, slide, texture, picture))
 
 
-def tick_settings(config: RigConfig, file: SurfaceFile, texture: Texture) -> TickSettings:
+def tick_settings(config: RigConfig, file: SurfaceFile, texture: Target, *, feedback: bool = False) -> TickSettings:
     """The stages of one rig, told about a surface and a texture."""
     limits = config.operating_limits()
     controller = ControllerSettings(
-        ready_for_lookup(file, limits), **config.controller.model_dump(), limits=limits, correction=file.correction
+        ready_for_lookup(file, limits),
+        limits,
+        **config.controller.model_dump(),
+        correction=file.correction,
+        feedback=FeedbackSettings(config.output.latency_s) if feedback else None,
     )
     finger = FingerSettings(**config.finger.model_dump(), output_latency_s=config.output.latency_s)
     drive = DriveSettings(config.output.voltage_rise_v_per_s)

@@ -3,46 +3,98 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
+from collections.abc import Iterable
+from importlib import import_module
 from importlib.metadata import version
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from haptic_driver.cli import demo, diagnose, measure, predict, solve, surface
 from haptic_driver.cli.output import report_error
 from haptic_driver.errors import BadInputError, HapticError
 from hw.errors import DeviceError
 from model.errors import ModelError
 
+# Where each command lives: a module of this folder and its function, or its group where none is named. A module is
+# imported only when its command is asked for: `haptic off` must not wait for matplotlib.
+COMMANDS = {
+    "predict": "predict.predict",
+    "surface": "surface",
+    "solve": "solve.solve",
+    "demo": "demo.demo",
+    "texture": "texture",
+    "daemon": "daemon",
+    "arm": "control.arm",
+    "set": "control.set_target",
+    "off": "control.off",
+    "disarm": "control.disarm",
+    "reset": "control.reset",
+    "status": "control.status",
+    "watch": "watch.watch",
+    "record": "control.record",
+    "export": "record.export",
+    "measure": "measure.measure",
+    "diagnose": "diagnose.diagnose",
+    "calibrate": "calibrate.calibrate",
+    "study": "study.study",
+    "sensitivity": "sensitivity.sensitivity",
+    "reproduce": "reproduce.reproduce",
+    "simulate": "simulate.simulate",
+    "doctor": "doctor.doctor",
+}
+
 # What the parser raises for a wrong command line, whether typer ships its parser or imports it.
 USAGE_ERROR: Any = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
-
-app = typer.Typer(
-    no_args_is_help=True, add_completion=True, rich_markup_mode="markdown", pretty_exceptions_enable=False,
-    help="Friction under a finger: from a target to a safe voltage on an electroadhesive touch screen.",
-)  # fmt: skip
-app.add_typer(surface.app, name="surface")
-app.command()(predict.predict)
-app.command()(solve.solve)
-app.command()(demo.demo)
-app.command()(diagnose.diagnose)
-app.command()(measure.measure)
 
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"haptic-driver {version('haptic-driver')}")
+        commit = _commit()
+        typer.echo(f"haptic-driver {version('haptic-driver')}" + (f" ({commit})" if commit else ""))
         raise typer.Exit
 
 
-@app.callback()
+def _commit() -> str:
+    """The commit that a wheel was built from, or that of the checkout; empty where there is neither."""
+    package = Path(__file__).resolve().parents[1]
+    if (built_from := package / "commit.txt").is_file():
+        return built_from.read_text(encoding="ascii").strip()
+    if not (package.parent / ".git").exists():
+        return ""
+    ask = ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    try:
+        done = subprocess.run(ask, cwd=package, capture_output=True, text=True, check=False)
+    except OSError:
+        return ""
+    return done.stdout.strip()
+
+
 def _options(
     shown: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show version.")
     ] = False,
 ) -> None:
     pass
+
+
+def build_app(names: Iterable[str] = COMMANDS) -> typer.Typer:
+    """The command line with the named commands; the others are not even imported."""
+    app = typer.Typer(
+        no_args_is_help=True, add_completion=True, rich_markup_mode="markdown", pretty_exceptions_enable=False,
+        help="Friction under a finger: from a target to a safe voltage on an electroadhesive touch screen.",
+    )  # fmt: skip
+    app.callback()(_options)
+    for name in names:
+        module_name, _, function = COMMANDS[name].partition(".")
+        module = import_module(f"haptic_driver.cli.{module_name}")
+        if function:
+            app.command(name)(getattr(module, function))
+        else:
+            app.add_typer(module.app, name=name)
+    return app
 
 
 def run() -> None:
@@ -52,6 +104,9 @@ def run() -> None:
 
 def main(arguments: list[str]) -> int:
     """Run one command line and return its exit status."""
+    asked = [word for word in arguments[:1] if word in COMMANDS]
+    # One command alone would become the whole program, so a second, light one stays beside it.
+    app = build_app(dict.fromkeys([*asked, "status"]) if asked else COMMANDS)
     try:
         outcome = app(arguments, standalone_mode=False, prog_name="haptic")
     except HapticError as error:

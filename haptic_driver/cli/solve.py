@@ -16,7 +16,7 @@ from haptic_driver.render.controller import INITIAL, POLICIES, Controller, Contr
 from haptic_driver.render.safety import violation
 from haptic_driver.signals import FingerState, TargetFriction
 from haptic_driver.surface_builder import build_surface
-from haptic_driver.surface_file import SurfaceFile, read_surface, ready_for_lookup
+from haptic_driver.surface_file import SurfaceFile, cof_interval_at, read_surface, ready_for_lookup
 from model import friction as friction_law
 from model.errors import nearest
 
@@ -39,7 +39,10 @@ def solve(
     limits = config.operating_limits()
     fixed_hz = _frequency(frequency)
     chosen = _policy(policy, fixed_hz, config.controller.policy)
-    file = read_surface(surface) if surface is not None else build_surface(load_model(model), limits)
+    if surface is not None:
+        file = read_surface(surface)
+    else:
+        file = build_surface(load_model(model), limits, with_interval=True)
     _check(friction, "friction", 1e-3, 10.0, "")
     low_n, high_n = float(file.normal_force_n[0]), float(file.normal_force_n[-1])
     _check(normal_force, "normal force", low_n, high_n, " N")
@@ -66,6 +69,7 @@ def solve(
     refused = violation(limits, point)
     if refused is not None:
         raise HapticError("refused", f"the safety gate refuses the point found: {refused}", "Check the rig's limits")
+    interval = cof_interval_at(file, point.frequency_hz, point.voltage_v, normal_force)
     payload = {
         "frequency_hz": point.frequency_hz,
         "voltage_v": point.voltage_v,
@@ -74,6 +78,7 @@ def solve(
         "current_rms_a": point.current_rms_a,
         "policy": chosen,
         "reachable_cof": list(reachable),
+        "cof_interval": None if interval is None else list(interval),
     }
 
     def show() -> None:
@@ -82,6 +87,9 @@ def solve(
             f"  friction {point.cof:.4g} under {normal_force:g} N, electrostatic force "
             f"{payload['electrostatic_force_n']:.3g} N, finger current {point.current_rms_a:.3g} A rms"
         )
+        if interval is not None:
+            low, high = interval
+            stdout.print(f"  with the model's uncertainty this friction is {low:.4g} to {high:.4g} (68 %)")
         stdout.print(f"  reachable here: {reachable[0]:.4g} to {reachable[1]:.4g}")
 
     report(as_json, payload, show)

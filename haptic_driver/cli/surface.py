@@ -26,6 +26,7 @@ def build(
     voltage_count: Annotated[int, typer.Option(help="Points along voltage.")] = AXES.voltage_count,
     force_count: Annotated[int, typer.Option(help="Points along normal force.")] = AXES.normal_force_count,
     voltage_high_v: Annotated[float, typer.Option(help="Highest voltage, V peak.")] = AXES.voltage_high_v,
+    interval: Annotated[bool, typer.Option(help="Store how far friction may be off (about a second).")] = True,
     as_json: Json = False,
 ) -> None:
     """Solve the model over frequency, voltage and normal force and write the surface.
@@ -38,7 +39,7 @@ def build(
         normal_force_count=force_count,
         voltage_high_v=voltage_high_v,
     )
-    surface = build_surface(load_model(model), load_rig(rig).operating_limits(), axes)
+    surface = build_surface(load_model(model), load_rig(rig).operating_limits(), axes, interval)
     surface.write(out)
     payload = {"out": str(out), **describe(surface)}
     report(as_json, payload, lambda: stdout.print(f"{out}: {_summary(surface)}"))
@@ -94,6 +95,7 @@ def describe(surface: SurfaceFile) -> dict[str, Any]:
         "content_hash": surface.content_hash,
         "axes": axes,
         "cof": {"low": float(np.nanmin(surface.cof)), "high": float(np.nanmax(surface.cof))},
+        "cof_interval": _interval(surface),
         "share_pulled_in": float(surface.pulled_in.mean()),
         "share_outside_theory": float((~surface.within_theory).mean()),
         "share_outside_limits": float((~surface.within_limits).mean()),
@@ -102,6 +104,16 @@ def describe(surface: SurfaceFile) -> dict[str, Any]:
         "friction_law": surface.provenance["model"]["friction_law"],
         "dielectric": surface.provenance["model"]["dielectric"]["name"],
     }
+
+
+def _interval(surface: SurfaceFile) -> dict[str, float] | None:
+    """Half the 68 % interval of friction, relative, over all points where it ends; None where there is none."""
+    if surface.cof_interval is None:
+        return None
+    low, high = surface.cof_interval
+    ends = np.isfinite(low) & np.isfinite(high)
+    half = 0.5 * np.log(high[ends] / low[ends])
+    return {"median_relative": float(np.median(half)), "widest_relative": float(half.max())}
 
 
 def _summary(surface: SurfaceFile) -> str:

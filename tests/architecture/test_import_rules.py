@@ -26,6 +26,8 @@ FORBIDDEN = [  # rule, file, import that must break it
     ("stages-meet-through-signals", "haptic_driver/render/safety.py", "import haptic_driver.render.controller"),
     ("only-controller-reads-surface", "haptic_driver/render/texture.py", "import haptic_driver.render.surface"),
     ("simulators-beside-drivers", "hw/waveform_generator.py", "import hw.simulated.scpi"),
+    ("render-process-is-alone", "haptic_driver/daemon/render_process.py", "import hw.amplifier"),
+    ("render-process-is-alone", "haptic_driver/daemon/shared_state.py", "import h5py"),
 ]
 
 

@@ -153,3 +153,12 @@ def test_a_saturated_sensor_teaches_nothing_and_is_shown(surface, limits, rig_co
     assert set(record.feedback_gain) == {1.0}
     assert np.isnan(record.measured_cof).all()
     assert score(record).saturated_time_s == pytest.approx(record.slide.time_s.size * 1e-3)
+
+
+@pytest.mark.parametrize("above", [1.03, 1.08, 1.15])
+def test_a_target_just_above_friction_without_voltage_is_not_given_up(render, above):
+    """A finger with 17 % more friction; too careful a start would leave the voltage at zero and learn nothing."""
+    record = render(Uniform(0.512 * 1.17 * above), lambda t: 1.17)
+    error, _, late = judged(record)
+    assert late.sum() > 250
+    assert np.abs(error[late]).max() <= WITHIN

@@ -170,6 +170,8 @@ def record(**changed):
         "in_contact": np.ones(100, bool),
         "reachable": np.ones(100, bool),
         "off_screen": np.zeros(100, bool),
+        "saturated": np.zeros(100, bool),
+        "feedback_gain": np.ones(100),
         "max_voltage_v": 77.0,
         "rejections": 0,
         "off": OffEvidence(True, AmplifierState.DISABLED, 0.0),

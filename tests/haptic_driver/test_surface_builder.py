@@ -2,13 +2,14 @@
 
 import json
 import math
+from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
 import pytest
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.surface_builder import SurfaceAxes, build_surface
+from haptic_driver.surface_builder import SurfaceAxes, SurfaceBuilder, build_surface
 from model.touch_model import Conditions
 
 ROUNDING = 1e-12
@@ -102,3 +103,29 @@ def test_provenance_says_all_that_is_needed_to_build_it_again(small_file, model_
 def test_the_same_model_gives_the_same_hash(small_file, model_description, limits):
     axes = SurfaceAxes(frequency_count=6, voltage_count=8, normal_force_count=4)
     assert build_surface(model_description, limits, axes).content_hash == small_file.content_hash
+
+
+def test_a_rebuilt_surface_is_that_of_the_changed_model_and_leaves_the_first_alone(model_description, limits):
+    axes = SurfaceAxes(frequency_count=6, voltage_count=8, normal_force_count=4)
+    builder = SurfaceBuilder(limits, axes)
+    first = builder.rebuild(model_description)
+    before = first.content_hash
+    rougher = replace(model_description.parameters["roughness_rms_m"], value=25e-6)
+    changed = replace(model_description, parameters={**model_description.parameters, "roughness_rms_m": rougher})
+    second = builder.rebuild(changed)
+    assert second.content_hash == build_surface(changed, limits, axes).content_hash
+    assert first.content_hash == before
+    assert (second.electrostatic_force_n[:, 1:] < first.electrostatic_force_n[:, 1:]).all()  # wider gaps
+    assert builder.rebuild(model_description).content_hash == before
+
+
+def test_an_interval_is_made_where_asked_for_and_says_from_what(model_description, limits, small_file):
+    axes = SurfaceAxes(frequency_count=6, voltage_count=8, normal_force_count=4)
+    found = build_surface(model_description, limits, axes, with_interval=True)
+    assert small_file.cof_interval is None
+    low, high = found.cof_interval
+    assert (low <= found.cof).all()
+    assert (high >= found.cof).all()
+    np.testing.assert_array_equal(found.cof, small_file.cof)
+    assert found.provenance["uncertainty"]["numbers"]["roughness_rms_m"]["std"] == pytest.approx(0.1)
+    assert build_surface(model_description, limits, axes, with_interval=True).content_hash == found.content_hash

@@ -12,7 +12,7 @@ import pytest
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.surface import cof_scalar, invert
-from haptic_driver.surface_file import read_surface, ready_for_lookup
+from haptic_driver.surface_file import CofInterval, cof_interval_at, read_surface, ready_for_lookup
 
 NUMBERS = ("frequency_hz", "voltage_v", "normal_force_n", "cof", "electrostatic_force_n", "current_rms_a")
 MORE_NUMBERS = ("stuck_current_rms_a", "slew_v_per_s")
@@ -186,6 +186,35 @@ def test_foreign_hdf5(tmp_path):
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["cof"] = np.zeros(3)
     assert_refused(tmp_path / "other.h5", "surface_foreign")
+
+
+def test_an_interval_comes_back_and_is_part_of_the_hash(small_file, tmp_path):
+    high = np.where(small_file.cof > 0.7, np.inf, 1.1 * small_file.cof)
+    bounded = replace(small_file, cof_interval=CofInterval(0.9 * small_file.cof, high))
+    bounded.write(tmp_path / "b.h5")
+    found = read_surface(tmp_path / "b.h5")
+    np.testing.assert_array_equal(found.cof_interval, bounded.cof_interval)
+    assert found.content_hash == bounded.content_hash != small_file.content_hash
+    with h5py.File(tmp_path / "b.h5", "r") as file:
+        assert file["cof_low"].shape == file["cof_high"].shape == small_file.cof.shape
+
+
+def test_a_file_from_before_intervals_is_read(small_file, written):
+    with h5py.File(written, "a") as file:
+        file.attrs["format_version"] = 1.0
+    found = read_surface(written)
+    assert found.cof_interval is None
+    assert found.content_hash == small_file.content_hash
+
+
+def test_the_interval_at_a_point_is_linear_between_nodes(small_file):
+    low, high = 0.9 * small_file.cof, 1.2 * small_file.cof
+    bounded = replace(small_file, cof_interval=CofInterval(low, high))
+    f, v, n = small_file.frequency_hz, small_file.voltage_v, small_file.normal_force_n
+    assert cof_interval_at(bounded, f[2], v[3], n[1]) == pytest.approx((low[2, 3, 1], high[2, 3, 1]))
+    half = cof_interval_at(bounded, math.sqrt(f[2] * f[3]), v[3], n[1])
+    assert half[0] == pytest.approx(0.5 * (low[2, 3, 1] + low[3, 3, 1]))
+    assert cof_interval_at(small_file, f[2], v[3], n[1]) is None
 
 
 @pytest.mark.parametrize("version", [0.9, 2.0])

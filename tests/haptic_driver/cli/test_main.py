@@ -9,7 +9,14 @@ from pathlib import Path
 import pytest
 
 SCRIPT = Path(sys.executable).with_name("haptic")
-COMMANDS = [["predict"], ["solve"], ["demo"], ["surface", "build"], ["surface", "info"], ["surface", "plot"]]
+COMMANDS = [
+    *([name] for name in (
+        "predict", "solve", "demo", "measure", "diagnose", "calibrate", "study", "sensitivity", "reproduce", "simulate",
+        "doctor", "arm", "set", "off", "disarm", "reset", "status", "watch", "record", "export",
+    )),
+    ["surface", "build"], ["surface", "info"], ["surface", "plot"],
+    ["texture", "list"], ["texture", "preview"], ["texture", "check"], ["texture", "play"], ["daemon", "run"],
+]  # fmt: skip
 
 
 def one_json_object(text):

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from haptic_driver.config import load_rig
+from haptic_driver.surface_builder import SurfaceAxes, build_surface
 from model.touch_model import Conditions
 
 KEYS = {
-    "frequency_hz", "voltage_v", "cof", "electrostatic_force_n", "current_rms_a", "policy", "reachable_cof"
+    "frequency_hz", "voltage_v", "cof", "electrostatic_force_n", "current_rms_a", "policy", "reachable_cof",
+    "cof_interval",
 }  # fmt: skip
 POLICIES = ["max_authority", "min_voltage", "min_current", "carrier"]
 
@@ -123,6 +125,27 @@ def test_a_surface_that_cannot_be_used(haptic, tmp_path, content, code):
     done = haptic("solve", "--friction", 0.6, "--surface", path, "--json")
     assert done.status == 2
     assert json.loads(done.out)["error"]["code"] == code
+
+
+def test_a_surface_without_uncertainty_gives_no_interval(solve):
+    assert solve(0.6)[1]["cof_interval"] is None
+
+
+def test_the_interval_is_that_of_the_surface(haptic, model_description, limits, tmp_path):
+    axes = SurfaceAxes(frequency_count=8, voltage_count=9, normal_force_count=4)
+    file = build_surface(model_description, limits, axes, with_interval=True)
+    file.write(tmp_path / "s.h5")
+    done = haptic("solve", "--friction", 0.6, "--surface", tmp_path / "s.h5", "--json", "--frequency", 200)
+    found = json.loads(done.out)
+    low, high = found["cof_interval"]
+    assert low < 0.6 < high
+    f = np.searchsorted(file.frequency_hz, 200.0)  # nodes around the point hold it between them
+    v, n = (np.searchsorted(a, x) for a, x in ((file.voltage_v, found["voltage_v"]), (file.normal_force_n, 0.5)))
+    for end, at in zip(file.cof_interval, (low, high), strict=True):
+        around = end[f - 1 : f + 1, v - 1 : v + 1, n - 1 : n + 1]
+        assert around.min() <= at <= around.max()
+    shown = haptic("solve", "--friction", 0.6, "--surface", tmp_path / "s.h5", "--frequency", 200)
+    assert f"{low:.4g} to {high:.4g}" in shown.out
 
 
 def test_without_a_surface_the_model_is_solved(haptic, touch):

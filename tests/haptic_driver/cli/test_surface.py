@@ -9,6 +9,7 @@ import pytest
 from haptic_driver.surface_file import read_surface
 
 DESCRIBED = {
+    "cof_interval",
     "content_hash", "axes", "cof", "share_pulled_in", "share_outside_theory", "share_outside_limits", "model",
     "model_hash", "gap_table_hash", "limits", "waveform", "program", "numpy", "scipy", "built_at", "friction_law",
     "dielectric",
@@ -22,14 +23,19 @@ def test_build_writes_the_surface_it_describes(haptic, tmp_path, small_file):
     assert done.status == 0
     assert done.err == ""
     said = json.loads(done.out)
-    assert set(said) == DESCRIBED | {"out"}
+    assert set(said) == DESCRIBED | {"out", "uncertainty"}
     assert said["out"] == str(out)
     assert said["axes"] == {
         "frequency_hz": {"low": 1.0, "high": 1e6, "count": 6},
         "voltage_v": {"low": 0.0, "high": 150.0, "count": 8},
         "normal_force_n": {"low": 0.1, "high": 2.0, "count": 4},
     }
-    assert said["content_hash"] == small_file.content_hash == read_surface(out).content_hash
+    found = read_surface(out)
+    assert said["content_hash"] == found.content_hash
+    np.testing.assert_array_equal(found.cof, small_file.cof)
+    assert found.cof_interval is not None
+    plain = haptic("surface", "build", "--out", out, *SMALL, "--no-interval", "--json")
+    assert json.loads(plain.out)["content_hash"] == small_file.content_hash
     assert said["model"] == "reference"
 
 

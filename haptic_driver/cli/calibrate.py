@@ -1,0 +1,79 @@
+"""`haptic calibrate`: one finger's own numbers from its measured friction."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
+from haptic_driver.config import load_model
+from haptic_driver.errors import BadInputError, HapticError
+from model.errors import ModelError
+
+if TYPE_CHECKING:
+    from model.calibration import Calibration
+
+
+def calibrate(
+    data: Annotated[Path, typer.Argument(help="CSV: frequency_hz, voltage_v, normal_force_n, cof, ...")],
+    model: ModelOption = "reference",
+    out: Annotated[Path, typer.Option("--out", help="Model file to write; its picture stands beside it.")] = Path(
+        "finger.toml"
+    ),
+    also: Annotated[list[str] | None, typer.Option("--also", help="A further parameter to fit; repeatable.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Fit a finger's own numbers (roughness, skin thickness, leakage, friction without voltage) to its data.
+
+    Says how far each is known, which the data cannot tell apart, and how well the model fits.
+
+    Example: `haptic calibrate data.csv --model reference --out finger.toml`
+    """
+    from haptic_driver.model_pictures import draw_calibration  # noqa: PLC0415  (matplotlib is slow to import)
+    from model.calibration import calibrate as run  # noqa: PLC0415
+    from model.calibration import write_calibration  # noqa: PLC0415
+    from model.diagnosis.data import read_measurements  # noqa: PLC0415
+
+    description = load_model(model)
+    try:
+        measurements = read_measurements(data)
+        with status("fitting"):
+            found = run(description, measurements, also or ())
+    except ModelError as error:
+        raise BadInputError("bad_data", error.message, error.hint) from error
+    try:
+        write_calibration(found, description, out, data.name)
+    except OSError as error:
+        raise HapticError("not_written", f"{out}: cannot be written ({error})", "Choose another --out") from error
+    picture = out.with_suffix(".png")
+    draw_calibration(found, picture)
+    report(as_json, _payload(found, out, picture), lambda: _show(found, out, picture))
+
+
+def _payload(found: Calibration, out: Path, picture: Path) -> dict[str, Any]:
+    return {
+        "model": str(out),
+        "picture": str(picture),
+        "rows": found.data.count,
+        "chi2": found.fit.chi2,
+        "chi2_per_point": found.chi2_per_point,
+        "noise_source": found.noise.source,
+        "parameters": {p.name: {k: v for k, v in p._asdict().items() if k != "name"} for p in found.parameters},
+        "correlated": [{"names": [a, b], "correlation": r} for a, b, r in found.correlated],
+        "warnings": list(found.warnings),
+    }
+
+
+def _show(found: Calibration, out: Path, picture: Path) -> None:
+    table = Table("parameter", "value", "95 % interval", "unit", "std/prior", box=None)
+    for p in found.parameters:
+        low, high = p.interval_95
+        table.add_row(p.name, f"{p.value:.4g}", f"{low:.4g} to {high:.4g}", p.unit, f"{p.learnt:.2f}")
+    stdout.print(table)
+    stdout.print(f"chi-square per point {found.chi2_per_point:.2f} over {found.data.count} rows")
+    for warning in found.warnings:
+        stdout.print(f"note: {warning}")
+    stdout.print(f"model: {out}, picture: {picture}")

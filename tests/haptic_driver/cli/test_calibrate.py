@@ -1,0 +1,68 @@
+"""`haptic calibrate` and `haptic sensitivity`: what they print and write, and how they refuse."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from model.description import read_model
+from model.touch_model import Conditions
+
+KNOWN = {"cof_off", "roughness_rms_m", "skin_thickness_m", "leak_scale"}
+
+
+@pytest.fixture
+def data(touch, rng, tmp_path):
+    """The reference finger itself, with 2 % of noise."""
+    f, v = (x.ravel() for x in np.meshgrid([10.0, 100.0, 250.0, 1e3, 1e4], [0.0, 40.0, 80.0, 110.0], indexing="ij"))
+    f, v = np.tile(f, 2), np.tile(v, 2)
+    clean = touch.predict(Conditions(f, v, np.full(f.size, 0.5))).cof
+    cof = clean * np.exp(0.02 * rng.standard_normal(f.size))
+    path = tmp_path / "finger.csv"
+    rows = [f"{a},{b},0.5,{c},{0.02 * c}" for a, b, c in zip(f, v, cof, strict=True)]
+    path.write_text("\n".join(["frequency_hz,voltage_v,normal_force_n,cof,cof_std", *rows]) + "\n")
+    return path
+
+
+def test_a_finger_is_fitted_and_written(haptic, data, tmp_path):
+    out = tmp_path / "out" / "finger.toml"
+    done = haptic("calibrate", data, "--out", out, "--json")
+    assert done.status == 0, done.err
+    found = json.loads(done.out)
+    assert set(found["parameters"]) == KNOWN
+    for name, p in found["parameters"].items():
+        assert p["value"] == pytest.approx(read_model(out).parameters[name].value)
+        assert p["interval_95"][0] < p["value"] < p["interval_95"][1]
+    assert found["rows"] == 40
+    assert 0.4 < found["chi2_per_point"] < 1.8
+    assert out.with_suffix(".png").read_bytes()[:4] == b"\x89PNG"
+    shown = haptic("calibrate", data, "--out", out)
+    assert "chi-square per point" in shown.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "hint"), [(["--also", "skin_modulus"], "skin_modulus_pa"), (["--model", "refernce"], "reference")]
+)
+def test_wrong_arguments_of_calibrate(haptic, data, tmp_path, arguments, hint):
+    done = haptic("calibrate", data, "--out", tmp_path / "f.toml", "--json", *arguments)
+    assert done.status == 2
+    assert hint in json.loads(done.out)["error"]["hint"]
+    assert not (tmp_path / "f.toml").exists()
+
+
+def test_sensitivity_writes_bars_and_a_table(haptic, tmp_path):
+    done = haptic("sensitivity", "--out", tmp_path, "--draws", 64, "--frequency", 250, "--json")
+    assert done.status == 0, done.err
+    found = json.loads(done.out)
+    assert (tmp_path / "sensitivity.png").read_bytes()[:4] == b"\x89PNG"
+    with (tmp_path / "sensitivity.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["name"] for row in rows} == {entry["name"] for entry in found["indices"]}
+    assert max(rows, key=lambda row: float(row["total"]))["name"] == "skin_modulus_pa"  # 0.62 of the variance
+
+
+def test_draws_that_are_no_power_of_two(haptic, tmp_path):
+    done = haptic("sensitivity", "--out", tmp_path, "--draws", 100, "--json")
+    assert done.status == 2
+    assert json.loads(done.out)["error"]["code"] == "bad_draws"
