@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo demo-diagnosis test soak lint bench validate blind clean
+.PHONY: demo demo-diagnosis test soak lint bench validate blind docs clean
 
 .venv/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -28,7 +28,7 @@ lint: .venv/.test
 	$(BIN)/lint-imports
 
 test: lint
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # Long tests and many repetitions: fault scripts by the ten thousand, and more.
 soak: .venv/.test
@@ -48,6 +48,11 @@ SEED ?= 2
 blind: .venv/.test
 	$(BIN)/python -m tests.blind.generator --out out/blind --seed $(SEED) --scale $(SCALE) --workers 2
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.blind.evaluate --sets out/blind --out out/blind/results.md
+
+docs: .venv/.runtime
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	$(BIN)/python -m haptic_driver.reference
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 clean:
 	rm -rf .venv out

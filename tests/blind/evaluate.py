@@ -11,6 +11,7 @@ import json
 import math
 import os
 from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,7 +34,6 @@ class Answer(NamedTuple):
 
 def answer(path: str) -> Answer:
     """Diagnose one file."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from model.description import read_model
     from model.diagnosis.data import read_measurements
     from model.diagnosis.workflow import diagnose
@@ -171,7 +171,8 @@ def table(answers: dict[str, Answer], labels: dict[str, Any]) -> str:
 def run(sets: Path, workers: int) -> dict[str, Answer]:
     """Diagnose every set; labels stay closed."""
     files = sorted((sets / "sets").glob("*.csv"))
-    with ProcessPoolExecutor(workers) as pool:
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # read when numpy is imported, hence in fresh processes
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         return dict(zip((f.name for f in files), pool.map(answer, map(str, files)), strict=True))
 
 

@@ -116,7 +116,7 @@ def test_without_a_command_help_is_shown_and_no_empty_error(haptic, group):
 def test_version(haptic):
     done = haptic("--version")
     assert done.status == 0
-    assert re.fullmatch(r"haptic-driver \d+\.\d+\.\d+\S*\n", done.out)
+    assert re.fullmatch(r"haptic-driver \d+\.\d+\.\d+\S*( \([0-9a-f]{12,}(-dirty)?\))?\n", done.out)
 
 
 def test_a_message_with_brackets_is_shown_as_it_is(haptic):

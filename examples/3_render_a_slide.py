@@ -1,0 +1,28 @@
+"""Render a texture under a sliding finger on the simulated rig.
+
+The finger makes a stroke of its own over a grating. Every command goes as bytes over TCP to a simulated generator, and
+friction comes back through a simulated force sensor; `record` holds all of it, one entry per tick of 1 ms.
+"""
+
+import numpy as np
+
+from haptic_driver.cli.demo import tick_settings
+from haptic_driver.config import load_model, load_rig, texture_dirs
+from haptic_driver.simulated_rig import SimulatedRig
+from haptic_driver.slides import TICK_S, Slide, render_slide, score
+from haptic_driver.surface_builder import build_surface
+from haptic_driver.textures.library import load_texture
+from model.touch_model import TouchModel
+
+time_s = np.arange(0.0, 1.5, TICK_S)
+slide = Slide("a stroke at 20 mm/s", time_s, position_m=0.020 * time_s, normal_force_n=np.full(time_s.size, 0.5))
+
+config, model = load_rig("simulated"), load_model("reference")
+texture = load_texture("grating", texture_dirs())
+settings = tick_settings(config, build_surface(model, config.operating_limits()), texture)
+with SimulatedRig(config, TouchModel(model)) as rig:
+    record = render_slide(slide, texture, settings, rig, progress=lambda tick: None)
+
+result = score(record)
+print(f"within 5 % of target: {result.share_within_5_percent:.0%} of the time, error {result.cof_error_rms:.4f} rms")
+print(f"highest voltage {result.max_voltage_v:.0f} V; output at the end: {record.off}")
