@@ -6,10 +6,10 @@ friction comes back through a simulated force sensor; `record` holds all of it, 
 
 import numpy as np
 
-from haptic_driver.cli.demo import tick_settings
 from haptic_driver.config import load_model, load_rig, texture_dirs
 from haptic_driver.simulated_rig import SimulatedRig
 from haptic_driver.slides import TICK_S, Slide, render_slide, score
+from haptic_driver.stages import tick_settings
 from haptic_driver.surface_builder import build_surface
 from haptic_driver.textures.library import load_texture
 from model.touch_model import TouchModel

@@ -11,18 +11,13 @@ import typer
 from rich.table import Table
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, progress, report, stdout
-from haptic_driver.config import RigConfig, load_model, load_rig, texture_dirs
+from haptic_driver.config import load_model, load_rig, texture_dirs
 from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.render.controller import Controller, ControllerSettings
-from haptic_driver.render.drive import DriveSettings
-from haptic_driver.render.finger import FingerSettings
-from haptic_driver.render.kernels import FeedbackSettings
-from haptic_driver.render.texture import Target
-from haptic_driver.render.tick import TickSettings
 from haptic_driver.simulated_rig import SimulatedRig
 from haptic_driver.slides import WITHIN, Score, Slide, SlideRecord, read_slide, render_slide, score, synthetic_slide
+from haptic_driver.stages import tick_settings
 from haptic_driver.surface_builder import build_surface
-from haptic_driver.surface_file import SurfaceFile, read_surface, ready_for_lookup
+from haptic_driver.surface_file import read_surface
 from haptic_driver.textures.library import load_texture
 from model.touch_model import TouchModel
 
@@ -59,7 +54,7 @@ def demo(
     wanted = load_texture(texture, texture_dirs())
     limits = config.operating_limits()
     file = read_surface(surface) if surface is not None else build_surface(description, limits)
-    settings = tick_settings(config, file, wanted, feedback=feedback)
+    settings = tick_settings(config, file, wanted, feedback_latency_s=config.output.latency_s if feedback else None)
     finger = description if config.simulation.model is None else load_model(config.simulation.model)
     with SimulatedRig(config, TouchModel(finger)) as bench, progress("sliding", slide.time_s.size) as advance:
         record = render_slide(slide, wanted, settings, bench, advance)
@@ -67,21 +62,6 @@ def demo(
     picture = _draw(record, texture, out)
     payload = {**vars(result), "simulated": True, "surface_hash": file.content_hash, "pictures": [str(picture)]}
     report(as_json, payload, lambda: _show(record, result, slide, texture, picture))
-
-
-def tick_settings(config: RigConfig, file: SurfaceFile, texture: Target, *, feedback: bool = False) -> TickSettings:
-    """The stages of one rig, told about a surface and a texture."""
-    limits = config.operating_limits()
-    controller = ControllerSettings(
-        ready_for_lookup(file, limits),
-        limits,
-        **config.controller.model_dump(),
-        correction=file.correction,
-        feedback=FeedbackSettings(config.output.latency_s) if feedback else None,
-    )
-    finger = FingerSettings(**config.finger.model_dump(), output_latency_s=config.output.latency_s)
-    drive = DriveSettings(config.output.voltage_rise_v_per_s)
-    return TickSettings(finger, texture, Controller(controller), limits, drive)
 
 
 def _draw(record: SlideRecord, texture: str, out: Path) -> Path:

@@ -8,13 +8,10 @@ from pathlib import Path
 from haptic_driver.config import RigConfig, load_model, load_rig
 from haptic_driver.daemon.render_process import Nothing, RenderSettings
 from haptic_driver.daemon.simulated_lines import PANEL
-from haptic_driver.render.controller import Controller, ControllerSettings
-from haptic_driver.render.drive import DriveSettings
-from haptic_driver.render.finger import FingerSettings
-from haptic_driver.render.kernels import FeedbackSettings
 from haptic_driver.render.tick import TickSettings
+from haptic_driver.stages import tick_settings
 from haptic_driver.surface_builder import build_surface
-from haptic_driver.surface_file import SurfaceFile, ready_for_lookup
+from haptic_driver.surface_file import SurfaceFile
 
 PERIOD_S = 0.001
 
@@ -47,24 +44,16 @@ def daemon_settings(
     """Everything by name; solves the surface. Raises BadInputError."""
     config = load_rig(rig)
     surface = build_surface(load_model(model), config.operating_limits())
-    render = RenderSettings(tick_settings(config, surface), PERIOD_S)
+    render = RenderSettings(idle_stages(config, surface), PERIOD_S)
     return DaemonSettings(rig, model, config, surface, render, allow_no_rt, amplifier_record)
 
 
-def tick_settings(config: RigConfig, surface: SurfaceFile) -> TickSettings:
+def idle_stages(config: RigConfig, surface: SurfaceFile) -> TickSettings:
     """The stages of one rig, with nothing to render yet; positions are extrapolated by the whole latency."""
-    limits = config.operating_limits()
     latency_s = latency_budget_s(config, PERIOD_S)
-    controller = ControllerSettings(
-        ready_for_lookup(surface, limits),
-        limits,
-        **config.controller.model_dump(),
-        correction=surface.correction,
-        feedback=FeedbackSettings(latency_s=latency_s["set_point"] + latency_s["instrument"]),
-    )
-    finger = FingerSettings(**config.finger.model_dump(), output_latency_s=latency_s["total"])
-    return TickSettings(
-        finger, Nothing(), Controller(controller), limits, DriveSettings(config.output.voltage_rise_v_per_s)
+    feedback_latency_s = latency_s["set_point"] + latency_s["instrument"]
+    return tick_settings(
+        config, surface, Nothing(), feedback_latency_s=feedback_latency_s, output_latency_s=latency_s["total"]
     )
 
 

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from haptic_driver.cli.demo import tick_settings
 from haptic_driver.config import texture_dirs
 from haptic_driver.errors import HapticError
 from haptic_driver.simulated_rig import SimulatedRig, surface_friction
 from haptic_driver.slides import Slide, render_slide, synthetic_slide
+from haptic_driver.stages import tick_settings
 from haptic_driver.textures.library import load_texture
 from hw.transport.recording import Recording, Replay, ReplayMismatch
 

@@ -13,7 +13,7 @@ import pytest
 from haptic_driver.daemon.real_time import Due
 from haptic_driver.daemon.records import Flag
 from haptic_driver.daemon.render_process import Ramp, Renderer, RenderSettings
-from haptic_driver.daemon.set_up import tick_settings
+from haptic_driver.daemon.set_up import idle_stages
 from haptic_driver.daemon.shared_state import NO_ORDER, Sensed, SharedState
 from haptic_driver.render.texture import Uniform
 
@@ -66,7 +66,7 @@ class Bench:
 
 @pytest.fixture(scope="session")
 def render_settings(rig_config, surface_file):
-    return RenderSettings(tick_settings(rig_config, surface_file))
+    return RenderSettings(idle_stages(rig_config, surface_file))
 
 
 @pytest.fixture
