@@ -87,7 +87,7 @@ class SimulatedInstruments:
         self._generator_server = TcpServer(self._generator)
         self._lines_server = TcpServer(LinesServer(self.amplifier, self._note, self._set_gain))
         self._force_server = NetFtServer(self._wrench, **SCALE._asdict(), rate_hz=None)
-        self._touch_server = _TouchServer(self._screen.descriptor)
+        self._touch_server = _TouchServer(self._screen)
 
     @property
     def endpoints(self) -> dict[str, str]:
@@ -162,9 +162,9 @@ class SimulatedInstruments:
 class _TouchServer:
     """Hands the touch screen's events, as bytes of `struct input_event`, to the latest client."""
 
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
-        os.set_blocking(descriptor, False)
+    def __init__(self, screen: SimulatedTouchScreen) -> None:
+        self._screen = screen
+        os.set_blocking(screen.descriptor, False)
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._listener.setblocking(False)
         self.port = int(self._listener.getsockname()[1])
@@ -175,8 +175,9 @@ class _TouchServer:
         with suppress(BlockingIOError):
             self._client, _ = self._listener.accept()
             self._client.setblocking(False)
+            self._screen.repeat()  # it missed where the finger is, and only changes are told
         try:
-            events = os.read(self._descriptor, 1 << 16)
+            events = os.read(self._screen.descriptor, 1 << 16)
             if self._client is not None:
                 self._client.sendall(events)
         except BlockingIOError:

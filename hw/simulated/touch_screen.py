@@ -84,6 +84,17 @@ class SimulatedTouchScreen:
         else:
             self._report(finger, [], [(_BTN_TOUCH, 0)])
 
+    def repeat(self) -> None:
+        """Say again all that holds, for a reader that has just come; it would ask the kernel for it instead."""
+        events: list[tuple[tuple[int, int], int]] = []
+        for finger in sorted({finger for finger, _ in self._sent}):
+            if self._slots:
+                self._slot = finger
+                events.append((_ABS_MT_SLOT, finger))
+            events += [(code, value) for (of, code), value in self._sent.items() if of == finger]
+        if events:
+            self._write([*events, (_SYN_REPORT, 0)])
+
     def lose_events(self) -> None:
         """Until `find_events`, what happens is not told; the reader learns that something is missing."""
         self._lost = True

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from hw.finger_tracker import TouchEvents
 from hw.simulated.touch_screen import Panel, SimulatedTouchScreen
 
 evdev = pytest.importorskip("evdev", reason="evdev is not installed")
@@ -96,3 +97,17 @@ def test_lost_events_are_announced(reader: Reader) -> None:
     reader.screen.find_events()
     names = [name for name, _ in reader.events()]
     assert (names[0], names[-1]) == ("SYN_DROPPED", "SYN_REPORT")
+
+
+@pytest.mark.parametrize("reader", [0, 5], indirect=True)
+def test_a_reader_that_comes_late_learns_where_the_finger_is(reader: Reader) -> None:
+    """Bug: only changes are told, so a tracker that missed the touch never knew the axis along which nothing moved."""
+    reader.screen.put(0.010, 0.050)
+    os.read(reader.screen.descriptor, 1 << 16)  # nobody there yet
+    late = TouchEvents(reader.screen.current_slot if reader.screen._slots else None)
+    reader.screen.repeat()
+    reader.now_s += 0.25
+    reader.screen.put(0.020, 0.050)
+    touch = late.feed(os.read(reader.screen.descriptor, 1 << 16))
+    assert touch is not None
+    assert (touch.x_raw, touch.y_raw, touch.touching) == (450, 2000, True)
