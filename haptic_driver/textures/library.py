@@ -26,6 +26,8 @@ cof_low = 0.55
 cof_high = 0.70"""
 EXAMPLES = {".png": MAP_EXAMPLE, ".npy": MAP_EXAMPLE, ".hjif": HJIF_EXAMPLE}
 
+LONGEST_NAME_BYTES = 240  # file systems allow 255, the suffix included
+
 
 class Loaded(NamedTuple):
     """What a name or a file stands for. `path` is the file that says so, `kind` and `description` as it says."""
@@ -64,6 +66,8 @@ def load(name_or_path: str, search: Sequence[Path]) -> Loaded:
 def _load(name_or_path: str, search: Sequence[Path], in_script: bool) -> Loaded:
     """What `load` does; `in_script` refuses a script before it is read, so that scripts in a circle end."""
     path = Path(name_or_path)
+    if any(len(part.encode("utf-8", "surrogatepass")) > LONGEST_NAME_BYTES for part in path.parts):
+        raise _unknown(f"{name_or_path[:20]}...", search)
     if len(path.parts) == 1:
         for folder in search:
             described = folder / f"{name_or_path}.toml"

@@ -484,3 +484,9 @@ def test_a_damaged_file_loads_or_is_refused_and_nothing_else(folder, damage, kee
     except BadInputError:
         return
     assert np.all((picture.cof >= 0.5 - 1e-12) & (picture.cof <= 0.7 + 1e-12))
+
+
+def test_a_name_too_long_for_a_file_system_is_unknown(tmp_path):
+    """Bug: 200 two-byte characters raised OSError, which the API would have answered with status 500."""
+    with pytest.raises(BadInputError, match="no texture"):
+        load("ä" * 200, [tmp_path])
