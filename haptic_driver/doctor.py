@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from haptic_driver import rig_config
+from haptic_driver.daemon.real_time import PRIORITY
 from haptic_driver.devices import generator_transport, net_ft_settings, stage_settings, touch_calibration
 from haptic_driver.rig import MONITOR_QUIET_V
 from haptic_driver.rig_config import NO_WATCHDOG, RigConfig, Vouched
@@ -33,7 +34,6 @@ from hw.waveform_generator import AMPLITUDE_HIGH_VPP, MODEL
 
 OLD_AFTER = datetime.timedelta(days=365)
 OPEN_LOAD_OHM = 9.9e37
-REAL_TIME_PRIORITY = 80
 _FIRMWARE = re.compile(r"\d+\.\d+-\d+\.\d+-\d+-\d+")
 
 
@@ -139,15 +139,15 @@ def _real_time() -> Checks:
     """Tried and taken back at once, for this process only."""
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except OSError as error:
         yield Check(
-            "real-time scheduling", Status.WARNING, f"SCHED_FIFO {REAL_TIME_PRIORITY} is refused ({error.strerror})",
-            f"allow it: LimitRTPRIO={REAL_TIME_PRIORITY} in the service, or rtprio in /etc/security/limits.conf",
+            "real-time scheduling", Status.WARNING, f"SCHED_FIFO {PRIORITY} is refused ({error.strerror})",
+            f"allow it: LimitRTPRIO={PRIORITY} in the service, or rtprio in /etc/security/limits.conf",
         )  # fmt: skip
         return
     os.sched_setscheduler(0, *before)
-    yield Check("real-time scheduling", Status.OK, f"SCHED_FIFO {REAL_TIME_PRIORITY} is granted")
+    yield Check("real-time scheduling", Status.OK, f"SCHED_FIFO {PRIORITY} is granted")
 
 
 # --- waveform generator ------------------------------------------------------------------------------------------

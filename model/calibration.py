@@ -18,8 +18,7 @@ from scipy.special import ndtri
 from model.description import ModelDescription
 from model.diagnosis.data import Array, Measurements
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.model_file import _dielectric as dielectric_entry
-from model.diagnosis.model_file import model_text, program
+from model.diagnosis.model_file import dielectric_entry, model_text, program
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.space import NUISANCES, Nuisance, Predictor
 from model.effects import Effect

@@ -27,6 +27,8 @@ class Transport(ABC):
     scale of `clock`.
     """
 
+    _check_first = "that it is on and not busy"  # of a timeout's hint
+
     def __init__(
         self,
         resource: str,
@@ -175,6 +177,16 @@ class Transport(ABC):
                 searched = max(0, len(self._received) - len(terminator) + 1)
                 self._received += self._receive(deadline_s, CHUNK_BYTES)
             return self._take(end + len(terminator))[: -len(terminator)]
+
+    def _remaining_s(self, deadline_s: float) -> float:
+        """Time left, s; DeviceTimeout when there is none."""
+        remaining_s = deadline_s - self._clock()
+        if remaining_s <= 0.0:
+            raise self._timeout("did not answer")
+        return remaining_s
+
+    def _timeout(self, what: str) -> DeviceTimeout:
+        return DeviceTimeout(f"{self.resource} {what} in time", f"check {self._check_first}; then try again")
 
     def _check_open(self) -> None:
         if not self._is_open:

@@ -26,6 +26,8 @@ class SerialTransport(Transport):
     at opening (some systems pulse both for an instant); with `rtscts` the port itself drives RTS.
     """
 
+    _check_first = "power, cable and baud rate"
+
     def __init__(
         self,
         port: str,
@@ -145,15 +147,6 @@ class SerialTransport(Transport):
         if self._port is None:
             raise DeviceDisconnected(f"{self.resource} is not connected", "clear or open it again")
         return self._port
-
-    def _remaining_s(self, deadline_s: float) -> float:
-        remaining_s = deadline_s - self._clock()
-        if remaining_s <= 0.0:
-            raise self._timeout("did not answer")
-        return remaining_s
-
-    def _timeout(self, what: str) -> DeviceTimeout:
-        return DeviceTimeout(f"{self.resource} {what} in time", "check power, cable and baud rate; then try again")
 
     def _lost(self, what: str, error: Exception) -> DeviceDisconnected:
         """Give the port up and say why; a port that failed once is opened afresh."""

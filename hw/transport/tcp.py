@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-from hw.errors import DeviceDisconnected, DeviceTimeout
+from hw.errors import DeviceDisconnected
 from hw.transport.contract import CHUNK_BYTES, Transport
 
 _RESOURCE = re.compile(r"TCPIP\d*::(?P<host>[^:]+)::(?P<port>\d{1,5})::SOCKET", re.IGNORECASE)
@@ -104,15 +104,6 @@ class TcpTransport(Transport):
         if self._socket is None:
             raise self._lost("is not connected")
         return self._socket
-
-    def _remaining_s(self, deadline_s: float) -> float:
-        remaining_s = deadline_s - self._clock()
-        if remaining_s <= 0.0:
-            raise self._timeout("did not answer")
-        return remaining_s
-
-    def _timeout(self, what: str) -> DeviceTimeout:
-        return DeviceTimeout(f"{self.resource} {what} in time", "check that it is on and not busy; then try again")
 
     def _lost(self, what: str) -> DeviceDisconnected:
         return DeviceDisconnected(f"{self.resource} {what}", "check power, cable and address")

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 import usb.core
 import usb.util
 
-from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
+from hw.errors import BadReply, DeviceDisconnected, DeviceError
 from hw.transport.contract import Transport
 
 _RESOURCE = re.compile(
@@ -329,10 +329,7 @@ class UsbTmcTransport(Transport):
             raise DeviceDisconnected(f"{self.resource} is not connected", "clear or open it again")
 
     def _remaining_ms(self, deadline_s: float) -> int:
-        remaining_s = deadline_s - self._clock()
-        if remaining_s <= 0.0:
-            raise self._timeout("did not answer")
-        return max(1, round(1e3 * remaining_s))  # 0 would mean for ever
+        return max(1, round(1e3 * self._remaining_s(deadline_s)))  # 0 would mean for ever
 
     def _raise(self, error: usb.core.USBError, what: str) -> NoReturn:
         if isinstance(error, usb.core.USBTimeoutError) or error.errno == errno.ETIMEDOUT:
@@ -343,9 +340,6 @@ class UsbTmcTransport(Transport):
         raise DeviceDisconnected(
             f"{self.resource} {what} ({error})", "check power, cable, your permission and other programs"
         ) from error
-
-    def _timeout(self, what: str) -> DeviceTimeout:
-        return DeviceTimeout(f"{self.resource} {what} in time", "check that it is on and not busy; then try again")
 
     def _bad(self, what: str) -> BadReply:
         return BadReply(f"{self.resource} sent {what}", "clear it; if this recurs, update its firmware or use LAN")

@@ -13,7 +13,7 @@ from typing import Any
 import pyvisa
 from pyvisa.constants import BufferOperation, ResourceAttribute, SerialTermination, StatusCode
 
-from hw.errors import DeviceDisconnected, DeviceTimeout
+from hw.errors import DeviceDisconnected
 from hw.transport.contract import CHUNK_BYTES, Transport
 from hw.transport.marker import Marker, Resynchroniser
 
@@ -193,17 +193,8 @@ class VisaTransport(Transport):
         except (pyvisa.errors.Error, OSError) as error:
             raise self._lost(f"was lost {when}", error) from error
 
-    def _remaining_s(self, deadline_s: float) -> float:
-        remaining_s = deadline_s - self._clock()
-        if remaining_s <= 0.0:
-            raise self._timeout("did not answer")
-        return remaining_s
-
     def _remaining_ms(self, deadline_s: float) -> int:
         return _milliseconds(self._remaining_s(deadline_s))
-
-    def _timeout(self, what: str) -> DeviceTimeout:
-        return DeviceTimeout(f"{self.resource} {what} in time", "check that it is on and not busy; then try again")
 
     def _lost(self, what: str, error: Exception) -> DeviceDisconnected:
         self._disconnect()

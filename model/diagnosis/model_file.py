@@ -91,7 +91,7 @@ def write_model(diagnosis: Diagnosis, description: ModelDescription, path: Path,
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     model = fitted_model(diagnosis, description, source_name)
-    text = model_text(model, _dielectric(model, path.parent), _origin(diagnosis, description, source_name))
+    text = model_text(model, dielectric_entry(model, path.parent), _origin(diagnosis, description, source_name))
     if path.exists():
         if _without_date(path.read_bytes()) == _without_date(text.encode()):
             return model
@@ -105,7 +105,7 @@ def write_model(diagnosis: Diagnosis, description: ModelDescription, path: Path,
 def model_text(model: ModelDescription, dielectric: Mapping[str, Scalar], origin: Mapping[str, Scalar]) -> str:
     """A model as TOML that `read_model` reads back to the same physics."""
     lines = [
-        "# Written by `haptic diagnose`; [origin] says from what. Values in SI units, std is one standard deviation.",
+        "# Fitted to data; [origin] says by what and to which. Values in SI units, std is one standard deviation.",
         f"name = {_toml(model.name)}",
         f"about = {_toml(model.about)}",
         f"friction_law = {_toml(model.friction_law)}",
@@ -142,7 +142,8 @@ def _toml(value: Scalar) -> str:
     return repr(float(value)) if isinstance(value, float) else repr(int(value))
 
 
-def _dielectric(model: ModelDescription, folder: Path) -> dict[str, Scalar]:
+def dielectric_entry(model: ModelDescription, folder: Path) -> dict[str, Scalar]:
+    """The `[dielectric]` table of a model file in `folder`; a table of values is copied there. Raises ModelError."""
     chosen = model.dielectric
     if isinstance(chosen, PowerLaw):
         names = ("eps_inf", "amplitude", "exponent", "conductivity_s_per_m")
