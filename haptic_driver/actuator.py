@@ -4,47 +4,46 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 
 from haptic_driver.errors import HapticError
-from haptic_driver.rig import OffEvidence, Rig, RigState
-from haptic_driver.signals import DriveCommand, EnvelopeBlock
+from haptic_driver.render.envelope import synthesise
+from haptic_driver.rig import OffEvidence, Rig, modulation_input
+from haptic_driver.rig_config import NoAnalogOutput, RigConfig, SoundAnalogOutputConfig
+from haptic_driver.signals import DriveCommand
 from hw.analog_output import AnalogOutput, OutputUnderrun
 from hw.errors import DeviceError
-from hw.generator_settings import ExternalModulation, ModulationInput
-from hw.waveform_generator import Agilent33220A
+from hw.generator_settings import ModulationInput
 
-MONITOR_OF_AN_ENVELOPE = 1.0  # the least `monitor_tolerance` under which a rig takes silence for a possible envelope
+ENVELOPE_RATE_HZ = 50e3  # at most; slower outputs play at their own limit
 
 
 class Actuator(ABC):
-    """One way to the electrode, between a rig's `connect` and `close`. Not thread-safe but for `off`, which is.
+    """One way to the electrode, between a rig's `connect` and `close`.
 
-    `name` is what `haptic status` says. Every method but `off` raises HapticError, after switching off.
+    `name` is what `haptic status` says. `command` and `play` are for one thread each, `off` for any. All but `off`
+    raise HapticError, after switching off.
     """
 
     name: str
 
     def __init__(self, rig: Rig) -> None:
-        self._rig = rig
+        self.rig = rig
 
     @abstractmethod
-    def command(self, time_s: float, command: DriveCommand, envelope: EnvelopeBlock | None = None) -> None:
-        """Bring one tick to the electrode; refreshes the lease. What it does not use of both, it ignores."""
+    def command(self, time_s: float, command: DriveCommand) -> None:
+        """Bring the newest command to the generator, at the rig's bounded rate; refreshes the lease.
 
-    def watch(self, time_s: float) -> None:
-        """Switch off what nobody refreshed; see `Rig.watch`."""
-        self._rig.watch(time_s)
+        Takes as long as the dialogue with the instruments.
+        """
+
+    def play(self, command: DriveCommand) -> None:  # noqa: B027 - an actuator may have nothing fast
+        """Bring out, without waiting for the generator, what goes beside it; to be called every millisecond."""
 
     def off(self) -> OffEvidence:
         """Off at once, from any thread; never raises."""
-        return self._rig.off()
-
-    def stop(self) -> OffEvidence:
-        """A planned end; never raises."""
-        return self._rig.stop()
+        return self.rig.off()
 
 
 class SetpointActuator(Actuator):
@@ -52,109 +51,102 @@ class SetpointActuator(Actuator):
 
     name = "setpoints over SCPI"
 
-    def command(self, time_s: float, command: DriveCommand, envelope: EnvelopeBlock | None = None) -> None:
+    def command(self, time_s: float, command: DriveCommand) -> None:
         """The command itself."""
-        self._rig.command(time_s, command)
-
-
-class EnvelopeCarrier(Agilent33220A):
-    """The generator with its amplitude following Modulation In; set points are its highest voltage then."""
-
-    def set_point(
-        self, frequency_hz: float, voltage_v: float, voltage_offset_v: float = 0.0, **how: Any
-    ) -> None:  # fmt: skip
-        """As ever, under external modulation."""
-        super().set_point(frequency_hz, voltage_v, voltage_offset_v, **(how | {"modulation": ExternalModulation()}))
+        self.rig.command(time_s, command)
 
 
 class EnvelopeActuator(Actuator):
-    """A carrier of `full_scale_v` over SCPI, and its amplitude within each tick by an analog output.
+    """A carrier of `full_scale_v` over SCPI, and its amplitude by an analog output on Modulation In.
 
-    `rig` has an `EnvelopeCarrier` and a `monitor_tolerance` of at least 1: the monitor sees what the envelope leaves of
-    the carrier, so all that it can show is too much. `output` is open, on Modulation In, with the level that stands for
-    no amplitude as its zero level. `lead_s` of zero amplitude goes before a stream, so that a tick may be late by so
-    much; it is delay, and belongs into the rig's `latency_s`. A stream that runs dry is zero, counted in `underruns`,
-    and begins again; blocks for which there is no room, since the clocks differ, are left out and counted in `dropped`.
+    `rig` is modulated; `output` is open, with the level that stands for no amplitude as its zero level. Every `play`
+    fills the output's stream up to `lead_s` with an envelope from the last voltage to the newest, straight in voltage
+    squared, which force follows. So much later it is at the electrode, and so late may a `play` be; the stream is paced
+    by the output's own clock. One that runs dry is zero, counted in `underruns`, and begins again from zero.
     """
 
     name = "analog envelope"
 
     def __init__(
-        self,
-        rig: Rig,
-        output: AnalogOutput,
-        modulation: ModulationInput,
-        full_scale_v: float,
-        *,
-        sample_rate_hz: float = 50e3,
-        lead_s: float = 0.005,
-    ) -> None:
+        self, rig: Rig, output: AnalogOutput, modulation: ModulationInput, full_scale_v: float, *,
+        sample_rate_hz: float, lead_s: float,
+    ) -> None:  # fmt: skip
         super().__init__(rig)
-        zero_v, needed = modulation.input_v(0.0), rig.safety.monitor_tolerance
-        if abs(output.settings.zero_level_v - zero_v) > 1e-6:
-            raise HapticError(
-                "bad_actuator", f"{output.resource} rests at {output.settings.zero_level_v:g} V, where the generator "
-                f"takes {zero_v:g} V for no amplitude", "set its zero level to that",
-            )  # fmt: skip
-        if needed < MONITOR_OF_AN_ENVELOPE:
-            raise HapticError(
-                "bad_actuator", f"a monitor within {needed:g} of the carrier would trip at every trough of an envelope",
-                f"set monitor_tolerance to {MONITOR_OF_AN_ENVELOPE:g}",
-            )  # fmt: skip
-        self.underruns = self.dropped = 0
+        self.underruns = 0
         self._output = output
         self._modulation = modulation
         self._full_scale_v = full_scale_v
         self._rate_hz = sample_rate_hz
         self._lead_s = lead_s
+        self._power_v2 = 0.0  # where the stream ends
+        self._resting = False
 
-    def command(self, time_s: float, command: DriveCommand, envelope: EnvelopeBlock | None = None) -> None:
-        """The block that belongs to this tick; zero amplitude before the carrier comes on and before it goes."""
-        on = envelope is not None and envelope.output_on
-        with_carrier = DriveCommand(command.frequency_hz, self._full_scale_v if on else 0.0, on)
+    def command(self, time_s: float, command: DriveCommand) -> None:
+        """The carrier, at its highest as long as output is on; the amplitude is `play`'s."""
+        self.rig.command(time_s, command._replace(voltage_v=self._full_scale_v if command.output_on else 0.0))
+
+    def play(self, command: DriveCommand) -> None:
+        """Go on with the envelope; zero amplitude at once when the output is off."""
+        if not command.output_on:
+            self._rest()
+            return
+        if not 0.0 <= command.voltage_v <= self._full_scale_v:
+            evidence = self.off()
+            raise HapticError(
+                "beyond_full_scale",
+                f"{command.voltage_v:g} V does not fit a carrier of {self._full_scale_v:g} V (output: {evidence})",
+                "the stages before it should not have asked for that; look at the rig's limits",
+            )
         try:
-            if not on or self._rig.state is not RigState.ON:
-                self._output.zero()
-            self._rig.command(time_s, with_carrier)
-            if envelope is not None and on and self._rig.state is RigState.ON:
-                self._play(envelope)
+            self._fill(command.voltage_v)
+        except OutputUnderrun:
+            self.underruns += 1
+            self._power_v2 = 0.0
         except DeviceError as error:
             evidence = self.off()
             raise HapticError(error.code, f"{error.message} (output: {evidence})", error.hint) from error
 
     def off(self) -> OffEvidence:
         """The rig's lines first, which are fast; then the envelope."""
-        evidence = self._rig.off()
-        self._rest()
+        evidence = self.rig.off()
+        with suppress(DeviceError):  # it tries again by itself, and without a carrier it does nothing
+            self._output.zero()
         return evidence
 
-    def stop(self) -> OffEvidence:
-        """Amplitude to zero, then the carrier."""
-        self._rest()
-        return self._rig.stop()
-
-    def _play(self, envelope: EnvelopeBlock) -> None:
-        share = envelope.voltage_v / self._full_scale_v
-        if not (share.min() >= 0.0 and share.max() <= 1.0):
-            evidence = self.off()
-            raise HapticError(
-                "beyond_full_scale",
-                f"an envelope of {envelope.voltage_v.max():g} V does not fit a carrier of {self._full_scale_v:g} V "
-                f"(output: {evidence})", "raise full_scale_v, or lower the rig's voltage limit to it",
-            )  # fmt: skip
-        levels_v = self._modulation.full_scale_v * (2.0 * share - 1.0)
-        if self._output.buffered_s + levels_v.size / self._rate_hz > self._output.settings.buffer_s:
-            self.dropped += 1
+    def _fill(self, voltage_v: float) -> None:
+        waiting_s = self._output.buffered_s
+        samples = round((self._lead_s - waiting_s) * self._rate_hz)
+        if samples < 1:
             return
-        try:
-            self._output.check()
-        except OutputUnderrun:
-            self.underruns += 1
-        if self._output.buffered_s == 0.0:
-            lead = np.full(round(self._lead_s * self._rate_hz), self._output.settings.zero_level_v)
-            levels_v = np.concatenate((lead, levels_v))
-        self._output.write(levels_v, self._rate_hz)
+        begin_v2 = self._power_v2 if waiting_s > 0.0 else 0.0
+        powers_v2, envelope_v = np.array([begin_v2, voltage_v * voltage_v]), np.empty(samples)
+        synthesise(powers_v2, 1.0, 1.0, envelope_v)
+        share = np.minimum(envelope_v / self._full_scale_v, 1.0)  # a root of a square may be larger by rounding
+        self._resting = False
+        self._output.write(self._modulation.full_scale_v * (2.0 * share - 1.0), self._rate_hz)
+        self._power_v2 = voltage_v * voltage_v
 
     def _rest(self) -> None:
-        with suppress(DeviceError):  # the rig goes off all the same, and the output tries again by itself
-            self._output.zero()
+        if not self._resting:
+            self._power_v2 = 0.0
+            with suppress(DeviceError):  # as in `off`
+                self._output.zero()
+                self._resting = True
+
+
+def make_actuator(config: RigConfig, rig: Rig, output: AnalogOutput | None) -> Actuator:
+    """The way to the electrode that a rig's file describes; `output` is its analog output, if it has one."""
+    modulation, analog = modulation_input(config), config.analog_output
+    if output is None or modulation is None or isinstance(analog, NoAnalogOutput):
+        return SetpointActuator(rig)
+    own_hz = analog.sample_rate_hz if isinstance(analog, SoundAnalogOutputConfig) else analog.sample_rate_limit_hz
+    return EnvelopeActuator(
+        rig, output, modulation, config.limits.voltage_v,
+        sample_rate_hz=own_hz if isinstance(analog, SoundAnalogOutputConfig) else min(own_hz, ENVELOPE_RATE_HZ),
+        lead_s=analog.lead_s,
+    )  # fmt: skip
+
+
+def actuator_name(config: RigConfig) -> str:
+    """What `haptic status` says of the way to the electrode."""
+    return (SetpointActuator if isinstance(config.analog_output, NoAnalogOutput) else EnvelopeActuator).name

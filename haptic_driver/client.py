@@ -139,7 +139,7 @@ class HapticClient:
         return self._get("/events", Events, since=since).events
 
     def samples(self, since_tick: int = 0, most: int = 1000) -> NDArray[np.void]:
-        """Ticks after `since_tick`, the newest `most` of them, of dtype `haptic_driver.daemon.records.SAMPLE`."""
+        """Ticks after `since_tick`, the newest `most` of them, of dtype `haptic_driver.daemon.samples.SAMPLE`."""
         return samples_of(self._get("/samples", SampleColumns, since=since_tick, most=most).root)
 
     def watch(self) -> Generator[StateFrame, None, None]:

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from math import ceil, isfinite, nan
+from math import ceil
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -19,19 +19,17 @@ from haptic_driver import rig_config
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig import OffEvidence, Rig, RigEvent, build_rig
 from haptic_driver.rig_config import NO_WATCHDOG, RigConfig
-from haptic_driver.signals import FingerSample
 from hw.analog_output import AnalogOutput, AnalogOutputSettings
 from hw.ati_calibration import AtiCalibration
 from hw.errors import DeviceError
 from hw.finger_tracker import (
-    FingerReading,
     FingerTracker,
     RecordedFinger,
     StageFinger,
     TouchCalibration,
     open_touch_screen,
 )
-from hw.force_sensor import ForceAxes, ForceReading, ForceSensor, GaugeForceSensor
+from hw.force_sensor import ForceAxes, ForceSensor, GaugeForceSensor
 from hw.interlock import HeartbeatInterlock, ModemLine
 from hw.lines import AnalogInput, DigitalInput, DigitalOutput, Heartbeat
 from hw.net_ft import NetFt, NetFtScale, NetFtSettings
@@ -44,30 +42,16 @@ from hw.transport.resource import make_transport
 from hw.transport.serial import SerialTransport
 from hw.watchdog import Watchdog, WatchdogSettings
 
-
-def finger_sample(finger: FingerReading, force: ForceReading) -> FingerSample:
-    """What the render stages take, of a position and a force read together.
-
-    Without a touch or a known place there is no contact, whatever the force says; a saturated reading has no lateral
-    force.
-    """
-    there = finger.touching and isfinite(finger.position_x_m) and isfinite(finger.position_y_m)
-    return FingerSample(
-        finger.time_s,
-        finger.position_x_m,
-        finger.position_y_m,
-        force.normal_force_n if there else 0.0,
-        nan if force.saturated else force.lateral_force_n,
-    )
+STAGE_INTERVAL_S = 0.005  # between questions for the stage's place
 
 
 @dataclass(frozen=True)
 class Devices:
-    """Everything a real rig has, closed; use as a context manager.
+    """Everything a rig has, closed; use `open` and `close`, or a `with` block.
 
-    Entering opens in an order in which nothing can come on before what switches it off is there: interlock, watchdog,
-    generator (off and reset), sensors (which take their bias: leave the force sensor unloaded), stage, envelope.
-    Leaving switches off first. What was opened is closed again when something after it fails.
+    Devices open in an order in which nothing can come on before what switches it off is there: interlock, watchdog,
+    envelope (at its zero level), generator (off and reset), sensors (which take their bias: leave the force sensor
+    unloaded), stage. Closing switches off first. What was opened is closed again when something after it fails.
     """
 
     rig: Rig
@@ -79,6 +63,15 @@ class Devices:
     opening: Sequence[Callable[[], object]]
     closing: Sequence[Callable[[], object]]
 
+    def open(self) -> None:
+        """Open everything. Raises HapticError and DeviceError."""
+        try:
+            for step in self.opening:
+                step()
+        except BaseException:
+            self.close()
+            raise
+
     def close(self) -> OffEvidence:
         """Switch off, close everything, and return what is known about the output. Never raises DeviceError."""
         evidence = self.rig.close()
@@ -88,13 +81,8 @@ class Devices:
         return evidence
 
     def __enter__(self) -> Self:
-        """Open everything. Raises HapticError and DeviceError."""
-        try:
-            for step in self.opening:
-                step()
-        except BaseException:
-            self.close()
-            raise
+        """Open."""
+        self.open()
         return self
 
     def __exit__(
@@ -109,7 +97,8 @@ def connect_devices(
 ) -> Devices:
     """The drivers of the devices that `config` names; nothing is opened before the result is entered.
 
-    `transport` stands in for the generator's, e.g. one that records. Raises BadInputError for a rig without hardware.
+    With an analog output the generator's amplitude follows it. `transport` stands in for the generator's, e.g. one that
+    records. Raises BadInputError for a rig without hardware.
     """
     if config.simulated:
         raise BadInputError("simulated", f"rig {config.name} is simulated", "use haptic_driver.simulated_rig")
@@ -119,6 +108,7 @@ def connect_devices(
     tracker = parts.tracker(stage)
     watchdog = parts.watchdog()
     enable, heartbeats = parts.interlock()
+    output = parts.analog_output()
     rig = build_rig(
         config,
         transport or generator_transport(config),
@@ -127,10 +117,10 @@ def connect_devices(
         parts.monitor(config.amplifier.voltage_monitor),
         current_monitor=parts.monitor(config.amplifier.current_monitor),
         fault=parts.fault_line(),
+        modulated=output is not None,
         heartbeats=[*heartbeats, *([watchdog] if watchdog else [])],
         on_event=on_event,
     )
-    output = parts.analog_output()
     opening = [*parts.before_rig, rig.connect, *parts.after_rig]
     return Devices(rig, force_sensor, tracker, stage, output, watchdog, opening, parts.closing)
 
@@ -234,7 +224,9 @@ class _Parts:
     def tracker(self, stage: Lts150 | None) -> FingerTracker | None:
         match self._config.finger_tracker:
             case rig_config.StageFingerConfig(origin_m=(x_m, y_m), direction=(dx, dy)) if stage is not None:
-                finger = StageFinger(stage.read_status, origin_m=(x_m, y_m), direction=(dx, dy))
+                finger = StageFinger(
+                    stage.read_status, origin_m=(x_m, y_m), direction=(dx, dy), interval_s=STAGE_INTERVAL_S
+                )
                 self.after_rig.append(finger.start)
                 self.closing.insert(0, finger.close)
                 return finger
@@ -307,9 +299,7 @@ def stage_settings(given: rig_config.StageConfig) -> StageSettings:
     return StageSettings(low_m, high_m, **given.model_dump(exclude={"resource", "travel_m"}))
 
 
-def output_settings(
-    given: rig_config.NiAnalogOutputConfig | rig_config.SoundAnalogOutputConfig,
-) -> AnalogOutputSettings:
+def output_settings(given: rig_config.SomeAnalogOutput) -> AnalogOutputSettings:
     """The analog output's share of a rig's file."""
     return AnalogOutputSettings(
         given.low_v,

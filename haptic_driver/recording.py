@@ -1,7 +1,7 @@
 """Recordings of the daemon: HDF5, readable from MATLAB, one group per run; reading them, and export to CSV and Parquet.
 
 `/run_0001`, `/run_0002`, ... each hold
-- `samples/NAME`: one dataset per field of `daemon.records.SAMPLE`, one entry per tick; units are in the names, and
+- `samples/NAME`: one dataset per field of `daemon.samples.SAMPLE`, one entry per tick; units are in the names, and
   positions are there raw (`position_x_m`) and extrapolated to output time (`output_x_m`);
 - `events/NAME`: one dataset per field of `daemon.records.Event`, `data` as JSON;
 - `config`: the rig's full resolved configuration, JSON;
@@ -27,7 +27,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.daemon.records import SAMPLE, Event
+from haptic_driver.daemon.records import Event
+from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.errors import BadInputError, HapticError
 
 FORMAT = "haptic-driver recording"

@@ -22,6 +22,7 @@ from haptic_driver.signals import DriveCommand
 from hw.amplifier import AmplifierSettings, AmplifierState, AnalogAmplifier
 from hw.errors import BadReply, DeviceError, LimitExceeded
 from hw.force_sensor import ForceReading, ForceSensor
+from hw.generator_settings import ExternalModulation
 from hw.lines import AnalogInput, DigitalInput, DigitalOutput, Heartbeat
 from hw.transport.contract import Transport
 from hw.waveform_generator import Agilent33220A, GeneratorSettings, ModulationInput, RangePolicy
@@ -92,6 +93,9 @@ class Rig:
     that is switching on at most four reply timeouts, and for each device at most that device's own timeouts.
     `heartbeats` are beaten while the output is on and the caller refreshes it, and never otherwise. Every change of
     state is logged, kept in `events` (the last 1000), and told to `on_event`.
+
+    `modulated`: the amplitude follows the generator's Modulation In; set points are its highest then, and the monitor
+    may show less but never more.
     """
 
     def __init__(
@@ -101,6 +105,7 @@ class Rig:
         amplifier: AnalogAmplifier,
         force_sensor: ForceSensor,
         *,
+        modulated: bool = False,
         safety: SafetySettings | None = None,
         heartbeats: Sequence[Heartbeat] = (),
         on_event: Callable[[RigEvent], None] = lambda event: None,
@@ -109,6 +114,7 @@ class Rig:
         self.safety = safety or config.safety
         self.events: deque[RigEvent] = deque(maxlen=EVENTS_KEPT)
         self._generator = generator
+        self._modulation = ExternalModulation() if modulated else None
         self._amplifier = amplifier
         self._force_sensor = force_sensor
         self._heartbeats = tuple(heartbeats)
@@ -187,7 +193,7 @@ class Rig:
     def watch(self, time_s: float) -> None:
         """Switch off what is not refreshed, compare monitor and command, look at the fault line, retry a failed off.
 
-        For whoever watches over the caller, e.g. `RigGuard`; refreshes nothing. Raises HapticError when the rig trips
+        For whoever watches over the caller; refreshes nothing. Raises HapticError when the rig trips
         or the output cannot be shown to be off.
         """
         self._now_s = time_s
@@ -297,7 +303,7 @@ class Rig:
         voltage_v = min(command.voltage_v, before_v + self._step_v)
         self._go_on(withdrawals)
         self._note(time_s, max(before_v, voltage_v))
-        self._generator.set_point(command.frequency_hz, voltage_v)
+        self._generator.set_point(command.frequency_hz, voltage_v, modulation=self._modulation)
         self._go_on(withdrawals)
         self._note(time_s, voltage_v)
         self._written = _Written(time_s, command.frequency_hz, voltage_v)
@@ -308,7 +314,7 @@ class Rig:
             self._trip_now("the amplifier's fault line says fault")
         self._on = True  # from here on it may be
         self._note(time_s, 0.0)
-        self._generator.set_point(frequency_hz, self._generator.minimum_voltage_v)
+        self._generator.set_point(frequency_hz, self._generator.minimum_voltage_v, modulation=self._modulation)
         self._go_on(withdrawals)
         self._generator.set_output(True)
         self._go_on(withdrawals)
@@ -370,6 +376,7 @@ class Rig:
         if voltage_v is None:
             return
         low_v, high_v = self._commanded_range_v(time_s)
+        low_v = low_v if self._modulation is None else 0.0
         tolerance_v = max(self.safety.monitor_tolerance_v, self.safety.monitor_tolerance * high_v)
         if not low_v - tolerance_v <= abs(voltage_v) <= high_v + tolerance_v:
             self._trip_now(f"the monitor reads {abs(voltage_v):.3g} V where {low_v:.3g}..{high_v:.3g} V were commanded")
@@ -451,7 +458,7 @@ class Rig:
         while voltage_v > minimum_v:
             voltage_v = max(voltage_v - step_v, minimum_v)
             self._go_on(withdrawals)
-            self._generator.set_point(frequency_hz, voltage_v)
+            self._generator.set_point(frequency_hz, voltage_v, modulation=self._modulation)
             self._sleep(self._interval_s)
 
     def _set_state(self, state: RigState, reason: str) -> None:
@@ -502,6 +509,7 @@ def build_rig(
     *,
     current_monitor: AnalogInput | None = None,
     fault: DigitalInput | None = None,
+    modulated: bool = False,
     safety: SafetySettings | None = None,
     heartbeats: Sequence[Heartbeat] = (),
     on_event: Callable[[RigEvent], None] = lambda event: None,
@@ -513,13 +521,14 @@ def build_rig(
         amplifier_settings(config), enable, voltage_monitor, current_monitor=current_monitor, fault=fault
     )
     return Rig(
-        config, generator, lines, force_sensor, safety=safety, heartbeats=heartbeats, on_event=on_event, sleep=sleep
-    )
+        config, generator, lines, force_sensor,
+        modulated=modulated, safety=safety, heartbeats=heartbeats, on_event=on_event, sleep=sleep,
+    )  # fmt: skip
 
 
 def generator_settings(config: RigConfig) -> GeneratorSettings:
     """The generator's share of a rig's file, and the rig's limits as its driver and last gate know them."""
-    generator, modulation = config.waveform_generator, config.waveform_generator.modulation_input
+    generator = config.waveform_generator
     return GeneratorSettings(
         volts_per_volt=config.amplifier.gain_v_per_v,
         voltage_limit_v=config.limits.voltage_v,
@@ -528,11 +537,15 @@ def generator_settings(config: RigConfig) -> GeneratorSettings:
         reply_timeout_s=generator.reply_timeout_s,
         upload_timeout_s=generator.upload_timeout_s,
         range_policy=RangePolicy(generator.range_policy),
-        modulation_input=None
-        if modulation is None
-        else ModulationInput(modulation.full_scale_v, modulation.amplitude_at_full_scale),
+        modulation_input=modulation_input(config),
         binary_upload=generator.binary_upload,
     )
+
+
+def modulation_input(config: RigConfig) -> ModulationInput | None:
+    """What Modulation In does, by a rig's file; None where nobody has measured it."""
+    given = config.waveform_generator.modulation_input
+    return None if given is None else ModulationInput(given.full_scale_v, given.amplitude_at_full_scale)
 
 
 def amplifier_settings(config: RigConfig) -> AmplifierSettings:

@@ -249,36 +249,45 @@ class NoAnalogOutput(Section):
     kind: Literal["none"] = "none"
 
 
-class _AnalogOutput(Vouched):
+class SomeAnalogOutput(Vouched):
+    """What every analog output has; see `hw.analog_output.AnalogOutputSettings`.
+
+    `lead_s`: the envelope is written so far ahead of what is played. So late may the driver be without a gap, and so
+    much later is the voltage there.
+    """
+
     low_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
     high_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
     zero_level_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
     sample_rate_limit_hz: Positive
     buffer_s: Seconds = 0.1
+    lead_s: Annotated[FiniteFloat, Field(ge=0.0005, le=1.0)] = 0.003
     lease_s: Seconds = 0.5
     timeout_s: Seconds = 0.5
 
     @model_validator(mode="after")
-    def _ordered_levels(self) -> _AnalogOutput:
+    def _ordered_levels(self) -> SomeAnalogOutput:
+        if self.lead_s > self.buffer_s:
+            raise ValueError("lead_s must not be above buffer_s")
         if not (self.low_v <= self.zero_level_v <= self.high_v and self.low_v < self.high_v):
             raise ValueError("low_v <= zero_level_v <= high_v must hold, with low_v < high_v")
         return self
 
 
-class SimulatedAnalogOutputConfig(_AnalogOutput):
+class SimulatedAnalogOutputConfig(SomeAnalogOutput):
     """The simulated rig's own."""
 
     kind: Literal["simulated"]
 
 
-class NiAnalogOutputConfig(_AnalogOutput):
+class NiAnalogOutputConfig(SomeAnalogOutput):
     """An analog output of an NI card."""
 
     kind: Literal["ni"]
     channel: str
 
 
-class SoundAnalogOutputConfig(_AnalogOutput):
+class SoundAnalogOutputConfig(SomeAnalogOutput):
     """One channel of a sound card; see `hw.sound_card`."""
 
     kind: Literal["sound"]
@@ -322,10 +331,14 @@ class StageFingerConfig(Section):
 
 
 class EvdevFingerConfig(Section):
-    """A touch screen by its event device; `matrix_m` takes (x_raw, y_raw, 1) to metres."""
+    """A touch screen by its event device; `matrix_m` takes (x_raw, y_raw, 1) to metres.
+
+    `report_rate_hz` is how often it tells, for the latency by which positions are extrapolated.
+    """
 
     kind: Literal["evdev"]
     device: str
+    report_rate_hz: Positive = 100.0
     matrix_m: Annotated[
         list[Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]], Field(min_length=2, max_length=2)
     ]

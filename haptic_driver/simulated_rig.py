@@ -25,7 +25,7 @@ from hw.simulated.amplifier import SimulatedAmplifier
 from hw.simulated.finger_plant import FingerPlant
 from hw.simulated.force_sensor import SimulatedForceSensor
 from hw.simulated.tcp_server import TcpServer
-from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A, TerminalOutput
 from hw.transport.contract import Transport
 from hw.transport.memory import Responder
 from hw.transport.tcp import TcpTransport
@@ -121,11 +121,14 @@ def simulated_amplifier(config: RigConfig, interlock: Callable[[], bool] = lambd
     )
 
 
-def simulated_generator(config: RigConfig, amplifier: SimulatedAmplifier) -> Simulated33220A:
-    """The generator that drives it; the amplifier sees also what the generator does between steps."""
-    simulation = config.simulation
+def simulated_generator(
+    config: RigConfig, amplifier: SimulatedAmplifier, listener: Callable[[TerminalOutput], object] | None = None
+) -> Simulated33220A:
+    """The generator that drives it; amplifier, or `listener`, sees also what it does between steps."""
+    simulation, modulation = config.simulation, config.waveform_generator.modulation_input
     latency = GeneratorLatency(amplitude_s=simulation.amplitude_latency_s, frequency_s=simulation.frequency_latency_s)
-    return Simulated33220A(latency, listener=amplifier.drive)
+    highest = 1.0 if modulation is None else modulation.amplitude_at_full_scale
+    return Simulated33220A(latency, listener=listener or amplifier.drive, am_full_scale=highest)
 
 
 def friction_of(model: TouchModel) -> FrictionLaw:

@@ -140,12 +140,13 @@ class AnalogOutput(ABC):
                     "write smaller blocks, or later",
                 )
             with self._zero_on_failure():
-                if self._rate_hz is None:
+                if starting := self._rate_hz is None:
                     self._start(block_v, sample_rate_hz)
                 else:
                     self._append(block_v)
                 self._rate_hz, self._last_v = sample_rate_hz, float(block_v[-1])
-        self._wake.set()
+        if starting:
+            self._wake.set()  # a stream that goes on is looked at before it ends anyway
 
     def hold(self, level_v: float) -> None:
         """Hold a level from now on, in place of a stream, for `lease_s`; at zero for ever. Raises as `write` does."""

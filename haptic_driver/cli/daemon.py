@@ -35,6 +35,12 @@ def run(
     allow_no_rt: Annotated[
         bool, typer.Option("--allow-no-rt", help="Arm a real rig without real-time scheduling.")
     ] = False,
+    lsl: Annotated[
+        bool, typer.Option("--lsl", help="Offer samples and events to the Lab Streaming Layer, on the local network.")
+    ] = False,
+    osc: Annotated[
+        str | None, typer.Option("--osc", metavar="HOST:PORT", help="Send samples and events there, as OSC over UDP.")
+    ] = None,
     as_json: Json = False,
 ) -> int:
     """Run the daemon in the foreground until Ctrl-C or SIGTERM; it starts idle, with the output off.
@@ -50,7 +56,7 @@ def run(
         report(as_json, {"socket": str(socket), "page": page}, lambda: _show(rig, socket, page))
 
     logging.basicConfig(format="%(asctime)s %(name)s: %(message)s", level=logging.INFO)
-    return run_daemon(rig, socket, model, allow_no_rt, port, announce=announce)
+    return run_daemon(rig, socket, model, allow_no_rt, port, lsl=lsl, osc=osc, announce=announce)
 
 
 def _show(rig: str, socket: Path, page: str | None) -> None:

@@ -21,12 +21,15 @@ def main() -> int:
     parser.add_argument("--allow-no-rt", action="store_true", help="arm real hardware without real-time scheduling")
     parser.add_argument("--tcp-port", type=int, help="serve the API on this loopback port too, behind a token")
     parser.add_argument("--amplifier-record", type=Path, help="where a simulated amplifier keeps its record")
+    parser.add_argument("--lsl", action="store_true", help="offer samples and events to the Lab Streaming Layer")
+    parser.add_argument("--osc", metavar="HOST:PORT", help="send samples and events there, as OSC over UDP")
     given = parser.parse_args()
     logging.basicConfig(format="%(asctime)s %(name)s: %(message)s", level=logging.INFO)
     try:
         return run_daemon(
-            given.rig, given.socket, given.model, given.allow_no_rt, given.tcp_port, given.amplifier_record
-        )
+            given.rig, given.socket, given.model, given.allow_no_rt, given.tcp_port, given.amplifier_record,
+            given.lsl, given.osc,
+        )  # fmt: skip
     except (HapticError, DeviceError) as error:
         print(f"{error.message}\n{error.hint}", file=sys.stderr)
         return error.exit_status if isinstance(error, HapticError) else 1

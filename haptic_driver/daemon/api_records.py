@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, RootModel
 
-from haptic_driver.daemon.records import SAMPLE, Event, Record, Status
+from haptic_driver.daemon.records import Event, Record, Status
+from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.errors import HapticError
 
 LEASE_HEADER = "X-Haptic-Lease"

@@ -1,15 +1,12 @@
-"""The control process: owns the instruments, feeds render with what the sensors say, brings out what render decides.
+"""The control process: state, lease, targets and events; what the API asks of the daemon.
 
 Whatever goes wrong with a device or a process takes the output to zero first and is then a fault; what died is started
-again, and the daemon stays in fault until somebody resets it.
+again (`supervision.py`), and the daemon stays in fault until somebody resets it.
 """
 
 from __future__ import annotations
 
-import logging
 import math
-import os
-import pickle
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -21,35 +18,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_driver.actuator import actuator_name
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon import drawings
 from haptic_driver.daemon.event_log import EventLog
-from haptic_driver.daemon.instruments import Instruments, connect_simulated
+from haptic_driver.daemon.instruments import Instruments
 from haptic_driver.daemon.output_pump import OUTPUT_STALE_S, PUMP_PERIOD_S, OutputPump
-from haptic_driver.daemon.processes import Child
 from haptic_driver.daemon.recorder import RunHeader
 from haptic_driver.daemon.recorder_process import Recorder
-from haptic_driver.daemon.records import DaemonState, Event, Flag, Lease, RefusedError, Status
+from haptic_driver.daemon.records import DaemonState, Event, Lease, RefusedError, Status
+from haptic_driver.daemon.samples import Flag
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.daemon.shared_state import NO_ORDER, RING_SAMPLES, Output, SharedState
 from haptic_driver.daemon.state_machine import StateMachine
+from haptic_driver.daemon.supervision import Supervisor
 from haptic_driver.errors import HapticError
 from haptic_driver.render.texture import Script, Target, Uniform
 from haptic_driver.rig import RigEvent, RigState
 from haptic_driver.textures.library import load, texture_names
 from hw.errors import DeviceError
 
-START_TIMEOUT_S = 240.0  # compiling all kernels, on a busy machine
 SWITCH_INTERVAL_S = 5e-4  # a busy thread of the API keeps the pump waiting for so long, and not for 5 ms
 WATCH_PERIOD_S = 0.02
-WATCHDOG_PERIOD_S = 0.2  # between looks at an idle watchdog
-SENSOR_RETRY_S = 0.02
 TAKE_OVER_S = 0.5  # render takes up a target within a tick; a stalled one never
 MEASURED_SAMPLES = 100
-
-ACTUATOR = "setpoints over SCPI"
-
-_log = logging.getLogger(__name__)
+DRIFT = 0.2  # a change of the finger's gain, relative, that is worth an event
 
 
 class Daemon:
@@ -69,14 +62,15 @@ class Daemon:
         self._told = Flag(0)
         self._target: Target | None = None
         self._target_name: str | None = None
+        self._marked_s = -math.inf  # up to when markers of the script were told
+        self._told_gain = 1.0  # of the finger
         self._recorder: Recorder | None = None
         self._events = EventLog(self._record_event)
         self._pump = OutputPump(self.shared.output, settings.config.output.setpoint_interval_s, self._fail, clock)
-        self._instruments: Instruments | None = None
-        self._children: dict[str, Child] = {}
-        self.endpoints: dict[str, str] = {}  # of simulated instruments
-        self._real_time = False
-        self._missing = "the daemon is starting"  # why arming is refused; empty when all is there
+        self._supervisor = Supervisor(
+            settings, self.shared, self._pump,
+            failed=self._fail, tell=self._events.tell, rig_says=self._rig_says, clock=clock,
+        )  # fmt: skip
         self._ending = threading.Event()
         self._threads: list[threading.Thread] = []
 
@@ -86,16 +80,13 @@ class Daemon:
         """Start everything; idle when it returns. Raises HapticError and DeviceError, with nothing left running."""
         try:
             self._order_now()
-            self._start_instruments()  # both take seconds, at the same time
-            self._start_render()
-            self._connect()
+            self._supervisor.start()
             self._start_threads()
-            self._await_senses()
+            self._supervisor.await_all()
         except BaseException:
             self.close()
             raise
         with self._lock:
-            self._missing = ""
             self._machine.connected()
             self._events.tell("state", "idle: connected, output off")
 
@@ -106,10 +97,9 @@ class Daemon:
         self._ending.set()
         for thread in self._threads:
             thread.join()
-        output_on = self._instruments.close() if self._instruments is not None else self._pump.output_on
+        self._supervisor.end()
+        output_on = self._supervisor.close()
         self._stop_recording()
-        for child in self._children.values():
-            child.stop()
         self.shared.close()
         return output_on
 
@@ -125,88 +115,40 @@ class Daemon:
     @property
     def pids(self) -> dict[str, int]:
         """Process ids by name, for whoever supervises or tests."""
-        found = {name: child.pid for name, child in self._children.items()}
-        found |= {"recorder": self._recorder.pid} if self._recorder is not None else {}
-        watchdog = self._instruments.watchdog_pid if self._instruments is not None else None
-        return found | ({"watchdog": watchdog} if watchdog is not None else {})
+        return self._supervisor.pids | ({"recorder": self._recorder.pid} if self._recorder is not None else {})
 
-    def _start_render(self) -> None:
-        child = Child(
-            "render", "haptic_driver.daemon.render_process", [self.shared.descriptor, os.getpid()],
-            given=pickle.dumps(self.settings.render), descriptors=[self.shared.descriptor],
-        )  # fmt: skip
-        self._children["render"] = child
-        granted = child.ready(START_TIMEOUT_S)
-        self._real_time = bool(granted["scheduled"])
-        if granted["refused"]:
-            _log.warning("render: %s", granted["refused"])
+    @property
+    def endpoints(self) -> dict[str, str]:
+        """Where simulated instruments are; empty for a real rig."""
+        return self._supervisor.endpoints
 
-    def _start_instruments(self) -> None:
-        """Begin to start simulated instruments; real ones are there already."""
-        config = self.settings.config
-        if not config.simulated:
-            raise HapticError(
-                "no_sensors",
-                f"rig {config.name} names no finger tracker and no force sensor",
-                "the daemon drives simulated rigs until a rig's file can name its sensors",
-            )
-        record = [] if self.settings.amplifier_record is None else ["--record", self.settings.amplifier_record]
-        child = Child(
-            "instruments", "haptic_driver.daemon.simulated_process",
-            [self.settings.rig, self.settings.model, *record],
-        )  # fmt: skip
-        self._children["instruments"] = child
+    @property
+    def instruments(self) -> Instruments | None:
+        """The devices; None while they are being connected."""
+        return self._supervisor.instruments
 
-    def _connect(self) -> None:
-        self.endpoints = self._children["instruments"].ready(START_TIMEOUT_S)["endpoints"]
-        self._instruments = connect_simulated(self.settings.config, self.endpoints, self._rig_says)
-        self._pump.rig = self._instruments.rig
-
-    def _await_senses(self) -> None:
-        """Until sensors and render have been heard. Raises HapticError when they are not."""
-        until_s = self._clock() + START_TIMEOUT_S
-        while silent := self._silent():
-            if self._clock() > until_s:
-                raise HapticError("silent", silent, "check the sensors; look at the log")
-            time.sleep(PUMP_PERIOD_S)
-
-    def _silent(self) -> str:
-        """Who has not been heard lately; empty when all have."""
-        now_s, sensed = self._clock(), self.shared.sensed.read()
-        last_s = {"the finger tracker": sensed.finger_time_s, "the force sensor": sensed.force_time_s}
-        last_s["render"] = self.shared.output.read().time_s
-        return ", ".join(f"{who} is silent" for who, time_s in last_s.items() if now_s - time_s > OUTPUT_STALE_S)
+    def tell(self, kind: str, message: str) -> None:
+        """Add to the events what somebody beside the daemon has to say."""
+        self._events.tell(kind, message)
 
     def _start_threads(self) -> None:
-        for work in (self._sense, self._watch, self._bring_out):
+        for work in (self._watch, self._bring_out, self._play):
             thread = threading.Thread(target=work, name=work.__name__.strip("_"), daemon=True)
             self._threads.append(thread)
             thread.start()
 
     # --- threads -----------------------------------------------------------------------------------------------
 
-    def _sense(self) -> None:
-        """Sensors -> shared memory. What fails here is stale there, and render takes its output to zero."""
-        failing = False
-        while not self._ending.is_set():
-            instruments, pause_s = self._instruments, SENSOR_RETRY_S
-            try:
-                if instruments is not None:
-                    self.shared.sensed.write(instruments.read())
-                    failing, pause_s = False, instruments.sensor_period_s
-            except DeviceError as error:
-                if not failing:
-                    self._events.tell("flag", f"sensors: {error.message}")
-                failing = True
-            time.sleep(pause_s)
-
     def _bring_out(self) -> None:
         """Shared memory -> instruments."""
         self._pump.run(self._ending)
 
+    def _play(self) -> None:
+        """The same for what is faster than a dialogue with the generator."""
+        self._pump.play(self._ending)
+
     def _watch(self) -> None:
-        """Processes, lease, flags; says every time that control is alive."""
-        looked_s = -math.inf
+        """Processes, instruments, lease, flags; says every time that control is alive."""
         while not self._ending.is_set():
             now_s = self._clock()
             try:
@@ -214,11 +156,10 @@ class Daemon:
                     self._order_now()
                 self._watch_lease(now_s)
                 self._watch_render(now_s)
-                self._watch_processes()
+                self._watch_script(now_s)
+                self._watch_drift()
                 self._watch_recorder()
-                if now_s - looked_s >= WATCHDOG_PERIOD_S:
-                    looked_s = now_s
-                    self._watch_rig(now_s)
+                self._supervisor.watch(now_s, self._machine.state is DaemonState.RENDERING)
             except (HapticError, DeviceError) as error:
                 self._fail(error.message)
             self._ending.wait(WATCH_PERIOD_S)
@@ -245,57 +186,24 @@ class Daemon:
         if rendering and now_s - output.time_s > OUTPUT_STALE_S:
             self._fail(f"render has said nothing for {now_s - output.time_s:.2g} s")
 
-    def _watch_processes(self) -> None:
-        for name, child in list(self._children.items()):
-            ended = child.ended
-            if ended is None or self._ending.is_set():
-                continue
-            self._fail(ended)
-            self._begin_restart(name)
-
-    def _watch_rig(self, now_s: float) -> None:
-        instruments = self._instruments
-        if instruments is None:
-            return
-        if instruments.rig.state is RigState.OFF and self._machine.state is not DaemonState.RENDERING:
-            try:
-                instruments.check_watchdog()
-            except DeviceError as error:
-                self._fail(error.message)
-                self._begin_restart("watchdog")
-                return
-        instruments.rig.watch(now_s)
-
-    def _begin_restart(self, name: str) -> None:
-        """Bring back what died, in a thread of its own, one at a time; nobody can arm meanwhile."""
+    def _watch_script(self, now_s: float) -> None:
+        """Markers of a script, when they pass."""
         with self._lock:
-            if self._missing:
-                return
-            self._missing = f"the {name} process is being started again"
-        thread = threading.Thread(target=self._restart, args=(name,), name=f"restart {name}", daemon=True)
-        self._threads.append(thread)
-        thread.start()
+            rendering = self._machine.state is DaemonState.RENDERING
+            target, since_s, self._marked_s = self._target, self._marked_s, now_s
+        if rendering and isinstance(target, Script):
+            for marker in target.markers(since_s, now_s):
+                self._events.tell("marker", marker.label, due_s=marker.time_s)
 
-    def _restart(self, name: str) -> None:
-        try:
-            if name in self._children:
-                self._children[name].kill()
-            if name == "render":
-                self._start_render()
-            elif name == "watchdog" and self._instruments is not None:
-                self._instruments.restart_watchdog()
-            else:
-                instruments, self._instruments, self._pump.rig = self._instruments, None, None
-                if instruments is not None:
-                    instruments.close()
-                self._start_instruments()
-                self._connect()
-        except (HapticError, DeviceError) as error:
-            self._missing = f"the {name} process could not be started again: {error.message}"
-            _log.error("%s", self._missing)
-        else:
-            self._missing = ""
-            self._events.tell("state", f"the {name} process is back; reset to go on")
+    def _watch_drift(self) -> None:
+        """The finger's estimated gain, each time that it is far from what was told last."""
+        newest = self.shared.ring.read(max(self.shared.ring.position - 1, 0)).samples
+        if self._machine.state is not DaemonState.RENDERING or not newest.size or not newest["in_contact"][-1]:
+            return
+        gain = float(newest["feedback_gain"][-1])
+        if abs(gain / self._told_gain - 1.0) > DRIFT:
+            self._told_gain = gain
+            self._events.tell("drift", f"the finger's gain is {gain:.2f}", gain=gain)
 
     # --- what the API asks -------------------------------------------------------------------------------------
 
@@ -314,7 +222,7 @@ class Daemon:
                 texture=self._target_name if rendering else None,
                 target_cof=_finite(output.target_cof) if rendering else None,
                 measured_cof=self._measured_cof(),
-                frequency_hz=output.frequency_hz if output.output_on else None,
+                frequency_hz=output.frequency_hz if rendering and self._pump.output_on else None,
                 voltage_v=output.voltage_v if rendering else 0.0,
                 output_on=self._pump.output_on,
                 ticks=output.tick,
@@ -322,8 +230,8 @@ class Daemon:
                 flags=flags.names(),
                 fault=machine.fault_reason,
                 lease_left_s=max(left_s, 0.0) if machine.armed else None,
-                actuator=ACTUATOR,
-                real_time=self._real_time,
+                actuator=actuator_name(self.settings.config),
+                real_time=self._supervisor.real_time,
                 latency_budget_s=self.settings.latency_budget_s,
                 surface_hash=self.settings.surface.content_hash,
                 recording=str(recorder.path) if recorder is not None else None,
@@ -336,6 +244,7 @@ class Daemon:
             lease = self._machine.arm(self._clock(), lease_s)
             self._flags = self._told = Flag(0)
             self._target = self._target_name = None
+            self._told_gain = 1.0
             self._order_now()
             self._armed_at = self._order.number
             self._events.tell("state", f"armed, lease {lease_s:g} s")
@@ -377,9 +286,10 @@ class Daemon:
         """Acknowledge a fault or trip whose cause is gone."""
         if self._machine.state is not DaemonState.FAULT:
             raise RefusedError("no_fault", f"the daemon is {self._machine.state}, not in fault", "nothing to reset")
-        if self._missing or self._instruments is None:
-            raise RefusedError("cause_remains", self._missing, "try again when it is back")
-        rig = self._instruments.rig
+        instruments = self._supervisor.instruments
+        if self._supervisor.missing or instruments is None:
+            raise RefusedError("cause_remains", self._supervisor.missing, "try again when it is back")
+        rig = instruments.rig
         rig.reset_trip()
         if rig.state is not RigState.OFF and rig.off().output_on is not False:
             raise RefusedError("not_off", "the output cannot be shown to be off", "switch the amplifier off by hand")
@@ -437,6 +347,7 @@ class Daemon:
                 self._order_now(number + 1)
                 self._pump.open(self._order.number)
                 self._target, self._target_name = target, name
+                self._marked_s = -math.inf
 
     def _await_target(self, number: int) -> None:
         """Until render uses the target before, since the next one takes the place of the one before that."""
@@ -471,12 +382,17 @@ class Daemon:
             self._events.tell("fault", reason)
 
     def _refuse_if_not_ready(self) -> None:
-        settings = self.settings
-        if self._missing and self._machine.state is not DaemonState.FAULT:
-            raise RefusedError("not_ready", self._missing, "wait until it is back")
-        if silent := self._silent():
+        settings, supervisor = self.settings, self._supervisor
+        if supervisor.missing and self._machine.state is not DaemonState.FAULT:
+            raise RefusedError("not_ready", supervisor.missing, "wait until it is back")
+        if silent := supervisor.silent():
             raise RefusedError("not_ready", silent, "check the sensors; look at the events")
-        if not (settings.config.simulated or self._real_time or settings.allow_no_rt):
+        if open_facts := settings.config.unverified:
+            raise RefusedError(
+                "unverified", f"the file of rig {settings.config.name} leaves open: {'; '.join(open_facts)}",
+                "measure them, write them down with who measured them and when, and start the daemon again",
+            )  # fmt: skip
+        if not (settings.config.simulated or supervisor.real_time or settings.allow_no_rt):
             raise RefusedError(
                 "no_real_time", "render was not granted real-time scheduling, and this rig is real",
                 "allow it (LimitRTPRIO, LimitMEMLOCK), or start the daemon with --allow-no-rt",
@@ -491,7 +407,7 @@ class Daemon:
             surface_hash=settings.surface.content_hash,
             calibration_ids={},
             software_version=version("haptic-driver"),
-            actuator=ACTUATOR,
+            actuator=actuator_name(settings.config),
             latency_budget_s=settings.latency_budget_s,
             config=settings.config.model_dump(mode="json"),
         )

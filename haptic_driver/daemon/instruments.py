@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable, Mapping
+from math import isfinite
 
+from haptic_driver.actuator import make_actuator
 from haptic_driver.config import RigConfig
 from haptic_driver.daemon.shared_state import Sensed
 from haptic_driver.daemon.simulated_lines import SCALE, SCREEN, Lines
-from haptic_driver.rig import Rig, RigEvent, build_rig
+from haptic_driver.devices import Devices, connect_devices, output_settings
+from haptic_driver.errors import BadInputError
+from haptic_driver.rig import RigEvent, build_rig
+from haptic_driver.rig_config import SimulatedAnalogOutputConfig
+from hw.errors import DeviceDisconnected
 from hw.finger_tracker import FingerTracker, TouchEvents, TouchScreen
-from hw.force_sensor import ForceAxes, ForceSensor
+from hw.force_sensor import ForceAxes
 from hw.net_ft import NetFt, NetFtSettings
+from hw.simulated.served_analog_output import ServedAnalogOutput
 from hw.transport.tcp import TcpTransport
 from hw.watchdog import Watchdog, WatchdogSettings
 
@@ -20,48 +27,58 @@ WATCHDOG_GIVE_UP_S = 1.0  # a simulated generator that is gone will not come bac
 
 
 class Instruments:
-    """A connected rig with its sensors and its watchdog; `sensor_period_s` is how often the sensors have news."""
+    """The open devices of a rig as control uses them, real or simulated; `sensor_period_s`: how often to `read`."""
 
-    def __init__(
-        self, rig: Rig, tracker: FingerTracker, force_sensor: ForceSensor, watchdog: Watchdog,
-        close: Callable[[], object], sensor_period_s: float = SENSOR_PERIOD_S,
-    ) -> None:  # fmt: skip
-        self.rig = rig
-        self.sensor_period_s = sensor_period_s
+    def __init__(self, config: RigConfig, devices: Devices, tracker: FingerTracker) -> None:
+        self.devices = devices
+        self.rig = devices.rig
+        self.actuator = make_actuator(config, devices.rig, devices.analog_output)
+        self.sensor_period_s = SENSOR_PERIOD_S
         self._tracker = tracker
-        self._force_sensor = force_sensor
-        self._watchdog = watchdog
-        self._close = close
 
     def read(self) -> Sensed:
-        """What the sensors say now. Raises DeviceError."""
-        finger, force = self._tracker.read(), self._force_sensor.read()
+        """What the sensors say now; a finger whose place is unknown does not touch. Raises DeviceError."""
+        finger, force = self._tracker.read(), self.devices.force_sensor.read()
+        somewhere = isfinite(finger.position_x_m) and isfinite(finger.position_y_m)
         return Sensed(
-            finger.time_s, finger.position_x_m, finger.position_y_m, finger.touching,
+            finger.time_s, finger.position_x_m, finger.position_y_m, finger.touching and somewhere,
             force.time_s, force.normal_force_n, force.lateral_force_n, force.saturated,
         )  # fmt: skip
 
     def check_watchdog(self) -> None:
-        """Raise DeviceError when the watchdog is not there; not to be asked while the output is on."""
-        self._watchdog.beat()
-        self._watchdog.rest()
+        """Raise DeviceError when there should be a watchdog and is none; not to be asked while the output is on."""
+        if self.devices.watchdog is not None:
+            self.devices.watchdog.beat()
+            self.devices.watchdog.rest()
 
     def restart_watchdog(self) -> None:
         """Let go of one that has ended, and start another. Raises DeviceError."""
-        self._watchdog.close()
-        self._watchdog.start()
+        if self.devices.watchdog is not None:
+            self.devices.watchdog.close()
+            self.devices.watchdog.start()
 
     @property
     def watchdog_pid(self) -> int | None:
-        """Its process id."""
-        return self._watchdog.pid
+        """Its process id; None without one."""
+        return None if self.devices.watchdog is None else self.devices.watchdog.pid
 
     def close(self) -> bool | None:
         """Switch off and hang up; whether the output is on (None: unknown). Never raises."""
-        evidence = self.rig.close()
-        self._watchdog.close()
-        self._close()
-        return evidence.output_on
+        return self.devices.close().output_on
+
+
+def connect_real(config: RigConfig, on_event: Callable[[RigEvent], None]) -> Instruments:
+    """The devices that a real rig's file names, open. Raises HapticError and DeviceError.
+
+    The force sensor takes its bias: leave it unloaded.
+    """
+    devices = connect_devices(config, on_event=on_event)
+    if devices.tracker is None:
+        raise BadInputError(
+            "no_finger_tracker", f"rig {config.name} names no finger tracker: nobody tells where the finger is",
+            'add a section [finger_tracker], with kind "stage", "evdev" or "recorded"',
+        )  # fmt: skip
+    return _opened(config, devices, devices.tracker)
 
 
 def connect_simulated(
@@ -73,24 +90,29 @@ def connect_simulated(
     host, port = endpoints["force_sensor"].split(":")
     force_sensor = NetFt(NetFtSettings(host, SCALE, ForceAxes("-z", "x"), port=int(port)))
     host, port = endpoints["touch_screen"].split(":")
-    connection = socket.create_connection((host, int(port)))
+    try:
+        connection = socket.create_connection((host, int(port)))
+    except OSError as error:
+        raise DeviceDisconnected(f"the simulated touch screen is gone ({error})", "restart the daemon") from error
     screen = TouchScreen(
         connection.fileno(), TouchEvents(None), SCREEN, name="simulated touch screen", close=connection.close
     )
     transport = TcpTransport.from_resource(endpoints["waveform_generator"])
-    rig = build_rig(config, transport, force_sensor, lines, lines, heartbeats=[watchdog], on_event=on_event)
+    output = None
+    if isinstance(config.analog_output, SimulatedAnalogOutputConfig):
+        output = ServedAnalogOutput(
+            TcpTransport.from_resource(endpoints["analog_output"]), output_settings(config.analog_output)
+        )
+    rig = build_rig(
+        config, transport, force_sensor, lines, lines,
+        modulated=output is not None, heartbeats=[watchdog], on_event=on_event,
+    )  # fmt: skip
+    opening = [*([output.open] if output else []), rig.connect, force_sensor.open, watchdog.start]
+    closing = [watchdog.close, force_sensor.close, screen.close, lines.close, *([output.close] if output else [])]
+    return _opened(config, Devices(rig, force_sensor, screen, None, output, watchdog, opening, closing), screen)
 
-    def close() -> None:
-        force_sensor.close()
-        screen.close()
-        lines.close()
 
-    instruments = Instruments(rig, screen, force_sensor, watchdog, close)
-    try:
-        rig.connect()
-        force_sensor.open()
-        watchdog.start()
-    except BaseException:
-        instruments.close()
-        raise
+def _opened(config: RigConfig, devices: Devices, tracker: FingerTracker) -> Instruments:
+    instruments = Instruments(config, devices, tracker)
+    devices.open()
     return instruments

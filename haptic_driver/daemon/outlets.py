@@ -18,7 +18,8 @@ import numpy as np
 from numpy.lib.recfunctions import structured_to_unstructured
 from numpy.typing import NDArray
 
-from haptic_driver.daemon.records import SAMPLE, Event
+from haptic_driver.daemon.records import Event
+from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.daemon.shared_state import Ring
 from haptic_driver.errors import BadInputError, HapticError
 

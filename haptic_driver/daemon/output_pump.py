@@ -7,28 +7,32 @@ import threading
 import time
 from collections.abc import Callable
 
+from haptic_driver.actuator import Actuator
+from haptic_driver.daemon.real_time import Metronome
 from haptic_driver.daemon.shared_state import Output, Slot
 from haptic_driver.errors import HapticError
-from haptic_driver.rig import Rig, RigState
+from haptic_driver.rig import RigState
 from haptic_driver.signals import DriveCommand
 
 PUMP_PERIOD_S = 0.001
 PUMP_TIMEOUT_S = 5.0  # more than all timeouts of the devices together
 OUTPUT_STALE_S = 0.2  # what render said so long ago is not brought out any more
+LINGER_S = 10.0  # an envelope's carrier is on so long without voltage: to bring it back takes a tenth of a second
 OFF = DriveCommand(0.0, 0.0, False)
 
 
 class OutputPump:
     """Brings out what render decides for orders from `open` on, and nothing while the gate is closed.
 
-    `rig` may be exchanged; None while there is none. `failed` is told what a device could not do, after the output has
-    been switched off for it.
+    `run` is for one thread, `play`, for what must not wait for the other, for a second one. `actuator` may be
+    exchanged; None while there is none. `failed` is told what a device could not do, after the output has been switched
+    off for it.
     """
 
     def __init__(
         self, output: Slot[Output], interval_s: float, failed: Callable[[str], object], clock: Callable[[], float]
     ) -> None:
-        self.rig: Rig | None = None
+        self.actuator: Actuator | None = None
         self._output = output
         self._interval_s = interval_s
         self._failed = failed
@@ -40,7 +44,7 @@ class OutputPump:
     @property
     def output_on(self) -> bool | None:
         """Whether there is output; None where nobody knows."""
-        state = self.rig.state if self.rig is not None else RigState.UNKNOWN
+        state = self.actuator.rig.state if self.actuator is not None else RigState.UNKNOWN
         return {RigState.ON: True, RigState.OFF: False, RigState.TRIPPED: self._shown_on}.get(state)
 
     def open(self, order: int) -> None:
@@ -54,43 +58,62 @@ class OutputPump:
     def off(self) -> None:
         """Close, and switch off now; waits for no command that is going out."""
         self._gate = None
-        if self.rig is not None:
-            self._shown_on = self.rig.off().output_on
+        if self.actuator is not None:
+            self._shown_on = self.actuator.off().output_on
 
     def undo_late_command(self) -> None:
         """Off again if a command that was going out while the gate closed has come through."""
         free = self._pumping.acquire(timeout=PUMP_TIMEOUT_S)
         try:
-            if self.rig is not None and self._gate is None and self.rig.state is RigState.ON:
-                self._shown_on = self.rig.off().output_on
+            if self.actuator is not None and self._gate is None and self.actuator.rig.state is RigState.ON:
+                self._shown_on = self.actuator.off().output_on
         finally:
             if free:
                 self._pumping.release()
 
     def run(self, ending: threading.Event) -> None:
         """Pump until the end."""
-        written_s, written = -math.inf, OFF
+        written_s, wanted_s, written, gate = -math.inf, -math.inf, OFF, self._gate
         while not ending.is_set():
             now_s = self._clock()
             with self._pumping:
-                command = self._command(self._output.read(), now_s)
+                command = self._command(now_s)
+                if command.voltage_v > 0.0 or self._gate != gate:
+                    wanted_s, gate = now_s, self._gate
+                if now_s - wanted_s > LINGER_S:
+                    command = OFF
                 # Without a change once per interval: it refreshes the rig's lease and goes on with its rise.
                 if command != written or now_s - written_s >= self._interval_s:
                     written_s, written = now_s, command
                     self._bring_out(now_s, command)
             time.sleep(PUMP_PERIOD_S)
 
-    def _command(self, output: Output, now_s: float) -> DriveCommand:
-        gate = self._gate
-        if gate is None or output.order < gate or not output.output_on or now_s - output.time_s > OUTPUT_STALE_S:
+    def play(self, ending: threading.Event) -> None:
+        """Play until the end."""
+        beat = Metronome(PUMP_PERIOD_S)
+        while not ending.is_set():
+            actuator = self.actuator
+            if actuator is not None:
+                try:
+                    actuator.play(self._command(self._clock()))
+                except HapticError as error:
+                    self._failed(error.message)
+            beat.wait()
+
+    def _command(self, now_s: float) -> DriveCommand:
+        """What render wants, if it may go out: on while it renders, at 0 V too, so that an envelope may have zeros."""
+        gate, output = self._gate, self._output.read()
+        if gate is None or output.order < gate or now_s - output.time_s > OUTPUT_STALE_S:
             return OFF
         return DriveCommand(output.frequency_hz, output.voltage_v, True)
 
     def _bring_out(self, now_s: float, command: DriveCommand) -> None:
-        rig = self.rig
-        if rig is None or (not command.output_on and rig.state in (RigState.OFF, RigState.TRIPPED)):
+        actuator = self.actuator
+        if actuator is None:
+            return
+        if not command.output_on and actuator.rig.state in (RigState.OFF, RigState.TRIPPED):
             return
         try:
-            rig.command(now_s, command)
+            actuator.command(now_s, command)
         except HapticError as error:
             self._failed(error.message)

@@ -24,7 +24,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.daemon.records import SAMPLE, Event
+from haptic_driver.daemon.records import Event
+from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.daemon.shared_state import Taken
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.recording import EVENT_FIELDS, FIELDS, FORMAT, FORMAT_VERSION, check_recording

@@ -17,17 +17,23 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from haptic_driver.daemon import real_time
 from haptic_driver.daemon.real_time import Due
-from haptic_driver.daemon.records import Flag
-from haptic_driver.daemon.shared_state import NO_ORDER, Order, Output, Sensed, SharedState
+from haptic_driver.daemon.samples import Flag
+from haptic_driver.daemon.shared_state import NO_ORDER, Order, Output, Sensed, SharedState, practice_slot
 from haptic_driver.render.texture import Target, Uniform
 from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
 from haptic_driver.signals import FingerSample, FingerState
 
 SLIDING_M_S = 0.002  # below, a finger rests and kinetic friction is not defined
 WARM_UP_TICKS = 200
+_OVERRUN, _SATURATED_SENSOR, _STALE_SENSOR, _UNREACHABLE, _REJECTED, _LEASE_LOST, _FAULT, _FEEDBACK_LIMIT = map(
+    int,
+    (Flag.OVERRUN, Flag.SATURATED_SENSOR, Flag.STALE_SENSOR, Flag.UNREACHABLE, Flag.REJECTED, Flag.LEASE_LOST,
+     Flag.FAULT, Flag.FEEDBACK_LIMIT),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -58,27 +64,33 @@ class Nothing(Target):
         return math.nan, math.nan
 
 
-class Ramp:
-    """Voltage that follows what is wanted while it may, and goes to zero in `ramp_s` from wherever it was else."""
+class Ramp(NamedTuple):
+    """The voltage when output was last trusted, and since when it is not; None while it is."""
 
-    def __init__(self, ramp_s: float) -> None:
-        self._ramp_s = ramp_s
-        self._from_v = 0.0
-        self._since_s: float | None = None
+    from_v: float = 0.0
+    since_s: float | None = None
 
-    def limit(self, time_s: float, voltage_v: float, trusted: bool) -> float:
-        """The voltage for this instant."""
+    def limit(self, ramp_s: float, time_s: float, voltage_v: float, trusted: bool) -> tuple[Ramp, float]:
+        """The voltage for this instant: what is wanted while it may, to zero in `ramp_s` from wherever it was else."""
         if trusted:
-            self._since_s, self._from_v = None, voltage_v
-            return voltage_v
-        if self._since_s is None:
-            self._since_s = time_s
-        share = max(1.0 - (time_s - self._since_s) / self._ramp_s, 0.0)
-        return min(voltage_v, share * self._from_v)
+            return Ramp(voltage_v), voltage_v
+        since_s = time_s if self.since_s is None else self.since_s
+        share = max(1.0 - (time_s - since_s) / ramp_s, 0.0)
+        return Ramp(self.from_v, since_s), min(voltage_v, share * self.from_v)
+
+
+class Kept(NamedTuple):
+    """All that one tick hands on to the next. Flags are those of the present arming, as plain numbers: faster."""
+
+    state: TickState = TickState()
+    ramp: Ramp = Ramp()
+    flags: int = 0
+    overruns: int = 0
+    missed_in_a_row: int = 0
 
 
 class Renderer:
-    """All of one tick but the waiting; keeps the flags of the present arming."""
+    """All of one tick but the waiting."""
 
     def __init__(
         self, settings: RenderSettings, shared: SharedState, clock: Callable[[], float] = time.monotonic
@@ -87,18 +99,16 @@ class Renderer:
         self._shared = shared
         self._clock = clock
         self._nothing = replace(settings.tick, texture=Nothing())
-        self._overruns = shared.output.read().overruns
-        self._missed_in_a_row = 0
+        self._kept = Kept(overruns=shared.output.read().overruns)
+        self._practice = practice_slot()
         self._forget(NO_ORDER)
 
     def _forget(self, order: Order) -> None:
-        """Begin as after arming."""
+        """Begin as after arming; instants that were missed stay counted."""
         self._arming = order.arming
-        self._flags = Flag(0)
         self._target = 0
         self._tick_settings = self._nothing
-        self._state = TickState()
-        self._ramp = Ramp(self._settings.ramp_s)
+        self._kept = Kept(overruns=self._kept.overruns, missed_in_a_row=self._kept.missed_in_a_row)
 
     def warm_up(self) -> None:
         """Run every compiled path once, far from any output."""
@@ -110,95 +120,106 @@ class Renderer:
 
     def step(self, due: Due) -> Output:
         """One tick: read, decide, write."""
-        order = self._shared.order.read()
-        if order.arming != self._arming:
-            self._forget(order)
-        if order.target != self._target:
-            self._swap(order.target)
-        sensed = self._shared.sensed.read()
-        self._count(order, due)
-        trusted = self._trusts(order, sensed, due.due_s)
-        settings = self._tick_settings if order.rendering else self._nothing
-        self._state, done = tick(settings, self._state, _finger_sample(sensed))
-        if order.rendering:
-            self._note(done)
-        voltage_v = self._voltage_v(order, due, done, trusted)
-        output = Output(
-            order.number, self._target, due.number, self._clock(), done.command.frequency_hz, voltage_v,
-            voltage_v > 0.0, self._overruns, int(self._flags), done.target.cof,
-        )  # fmt: skip
+        order, sensed = self._read()
+        self._kept, done, output = self._decide(due, order, sensed)
         self._shared.output.write(output)
-        self._record(due, sensed, done, output)
+        self._shared.ring.write(self._sample(due, sensed, done, output, self._kept))
         return output
+
+    def rehearse(self, due: Due) -> None:
+        """The tick that is about to be due, without any effect: what it needs is then in the processor's caches.
+
+        After a millisecond in which others had them, a tick takes several times as long.
+        """
+        order, sensed = self._read()
+        kept, done, output = self._decide(due, order, sensed)
+        self._practice.write(output)
+        self._shared.ring.put(self._sample(due, sensed, done, output, kept))
 
     def stop(self) -> None:
         """Leave zero behind."""
         last = self._shared.output.read()
         self._shared.output.write(last._replace(voltage_v=0.0, output_on=False, flags=last.flags | Flag.FAULT))
 
+    def _read(self) -> tuple[Order, Sensed]:
+        """What control says; a new arming or target is taken up."""
+        order = self._shared.order.read()
+        if order.arming != self._arming:
+            self._forget(order)
+        if order.target != self._target:
+            self._swap(order.target)
+        return order, self._shared.sensed.read()
+
     def _swap(self, number: int) -> None:
         self._target = number
         target = self._shared.targets.read(number) if number else Nothing()
         self._tick_settings = replace(self._settings.tick, texture=target)
 
-    def _count(self, order: Order, due: Due) -> None:
-        """Instants that were missed; so many in a row are a fault while output is wanted."""
-        self._overruns += due.missed
-        self._missed_in_a_row = self._missed_in_a_row + due.missed if due.missed else 0
-        if due.missed and order.rendering:
-            self._flags |= Flag.OVERRUN
-            if self._missed_in_a_row >= self._settings.most_missed:
-                self._flags |= Flag.FAULT
-
-    def _trusts(self, order: Order, sensed: Sensed, now_s: float) -> bool:
-        """Whether output may go on; notes why not."""
-        if not order.rendering:
-            return False
-        stale = now_s - min(sensed.finger_time_s, sensed.force_time_s) > self._settings.stale_s
-        lost = now_s > order.lease_until_s or now_s - order.beat_s > self._settings.silence_s
-        for flag, is_up in (
-            (Flag.STALE_SENSOR, stale),
-            (Flag.LEASE_LOST, lost),
-            (Flag.SATURATED_SENSOR, sensed.saturated),
-        ):
-            if is_up:
-                self._flags |= flag
-        return not (stale or lost or sensed.saturated)
-
-    def _voltage_v(self, order: Order, due: Due, done: Tick, trusted: bool) -> float:
+    def _decide(self, due: Due, order: Order, sensed: Sensed) -> tuple[Kept, Tick, Output]:
+        """What to put out; nothing is changed here."""
+        kept = self._kept
+        overruns = kept.overruns + due.missed
+        missed_in_a_row = kept.missed_in_a_row + due.missed if due.missed else 0
+        settings = self._tick_settings if order.rendering else self._nothing
+        state, done = tick(settings, kept.state, _finger_sample(sensed))
+        flags, trusted = kept.flags, False
+        if order.rendering:
+            doubts = self._doubts(order, sensed, due.due_s)
+            trusted = not doubts
+            flags |= doubts | self._missed(due, missed_in_a_row) | _noted(done, state)
         wanted_v = done.command.voltage_v if done.command.output_on else 0.0
-        voltage_v = self._ramp.limit(due.due_s, wanted_v, trusted)
-        if not order.rendering or Flag.FAULT in self._flags:
+        ramp, voltage_v = kept.ramp.limit(self._settings.ramp_s, due.due_s, wanted_v, trusted)
+        if not order.rendering or flags & _FAULT:
             voltage_v = 0.0
         if voltage_v < wanted_v:  # what was put out is where the next rise begins and what the finger has felt
-            driven = self._state.drive._replace(voltage_v=voltage_v)
+            driven = state.drive._replace(voltage_v=voltage_v)
             command = done.command._replace(voltage_v=voltage_v, output_on=voltage_v > 0.0)
-            self._state = self._state._replace(drive=driven, command=command)
-        return voltage_v
+            state = state._replace(drive=driven, command=command)
+        output = Output(
+            order.number, self._target, due.number, self._clock(), done.command.frequency_hz, voltage_v,
+            voltage_v > 0.0, overruns, flags, done.target.cof,
+        )  # fmt: skip
+        return Kept(state, ramp, flags, overruns, missed_in_a_row), done, output
 
-    def _note(self, done: Tick) -> None:
-        if not done.wanted.reachable:
-            self._flags |= Flag.UNREACHABLE
-        if done.safe.rejection is not None:
-            self._flags |= Flag.REJECTED
-        if self._state.controller.estimate.at_limit:
-            self._flags |= Flag.FEEDBACK_LIMIT
+    def _missed(self, due: Due, missed_in_a_row: int) -> int:
+        """Flags for instants that were missed; so many in a row are a fault."""
+        if not due.missed:
+            return 0
+        return _OVERRUN | _FAULT if missed_in_a_row >= self._settings.most_missed else _OVERRUN
 
-    def _record(self, due: Due, sensed: Sensed, done: Tick, output: Output) -> None:
+    def _doubts(self, order: Order, sensed: Sensed, now_s: float) -> int:
+        """Flags for why output may not go on; 0 while it may."""
+        doubts = _SATURATED_SENSOR if sensed.saturated else 0
+        if now_s - min(sensed.finger_time_s, sensed.force_time_s) > self._settings.stale_s:
+            doubts |= _STALE_SENSOR
+        if now_s > order.lease_until_s or now_s - order.beat_s > self._settings.silence_s:
+            doubts |= _LEASE_LOST
+        return doubts
+
+    def _sample(self, due: Due, sensed: Sensed, done: Tick, output: Output, kept: Kept) -> tuple[float, ...]:
+        """The fields of SAMPLE."""
         finger = done.finger
         speed_m_s = math.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
         sliding = finger.in_contact and speed_m_s >= SLIDING_M_S and sensed.normal_force_n > 0.0
         measured = abs(sensed.lateral_force_n) / sensed.normal_force_n if sliding else math.nan
-        self._shared.ring.write(
-            (
-                due.number, due.due_s, due.lateness_s, self._clock() - due.due_s - due.lateness_s,
-                sensed.finger_time_s, sensed.position_x_m, sensed.position_y_m,
-                finger.position_x_m, finger.position_y_m, speed_m_s,
-                sensed.normal_force_n, sensed.lateral_force_n, finger.in_contact,
-                done.target.cof, done.wanted.cof, measured, self._state.controller.estimate.gain,
-                output.frequency_hz, output.voltage_v, output.output_on, output.flags,
-            )
+        return (
+            due.number, due.due_s, due.lateness_s, self._clock() - due.due_s - due.lateness_s,
+            sensed.finger_time_s, sensed.position_x_m, sensed.position_y_m,
+            finger.position_x_m, finger.position_y_m, speed_m_s,
+            sensed.normal_force_n, sensed.lateral_force_n, finger.in_contact,
+            done.target.cof, done.wanted.cof, measured, kept.state.controller.gain,
+            output.frequency_hz, output.voltage_v, output.output_on, output.flags,
         )  # fmt: skip
+
+
+def _noted(done: Tick, state: TickState) -> int:
+    """Flags for what the stages say."""
+    noted = 0 if done.wanted.reachable else _UNREACHABLE
+    if done.safe.rejection is not None:
+        noted |= _REJECTED
+    if state.controller.at_limit:
+        noted |= _FEEDBACK_LIMIT
+    return noted
 
 
 def _finger_sample(sensed: Sensed) -> FingerSample:
@@ -223,7 +244,7 @@ def main() -> None:
     metronome = granted.metronome(settings.period_s, shared.output.read().tick)
     try:
         while os.getppid() == parent:
-            renderer.step(metronome.wait())
+            renderer.step(metronome.wait(renderer.rehearse))
     finally:
         renderer.stop()
 

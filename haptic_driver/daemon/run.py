@@ -6,10 +6,12 @@ import logging
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 from haptic_driver.daemon.control_process import SWITCH_INTERVAL_S, Daemon
+from haptic_driver.daemon.outlets import LslOutlet, OscOutlet, Outlet, feeding
 from haptic_driver.daemon.processes import Place, default_socket
 from haptic_driver.daemon.server import serve
 from haptic_driver.daemon.service import as_service
@@ -27,11 +29,14 @@ def run_daemon(
     allow_no_rt: bool,
     tcp_port: int | None,
     amplifier_record: Path | None = None,
+    lsl: bool = False,
+    osc: str | None = None,
     announce: Callable[[Path, str | None], None] = lambda socket, page: None,
 ) -> int:
     """Run a daemon until SIGTERM or SIGINT; exit status 0 when the output is known to be off at the end.
 
-    `announce` is called once it can be used, with its socket and the address of its page, which holds the token.
+    `lsl`: samples and events as streams of the Lab Streaming Layer; `osc`: the same to HOST:PORT. `announce` is called
+    once it can be used, with its socket and the address of its page, which holds the token.
     Raises HapticError when it does not get that far.
     """
     ended = threading.Event()
@@ -41,7 +46,8 @@ def run_daemon(
     place = Place(socket or default_socket())
     try:
         settings = daemon_settings(rig, model, allow_no_rt=allow_no_rt, amplifier_record=amplifier_record)
-        return 0 if _serve_until(ended, settings, place, tcp_port, announce) is False else 1
+        outlets = _outlets(settings, lsl, osc)
+        return 0 if _serve_until(ended, settings, place, tcp_port, outlets, announce) is False else 1
     finally:
         place.close()
 
@@ -51,6 +57,7 @@ def _serve_until(
     settings: DaemonSettings,
     place: Place,
     tcp_port: int | None,
+    outlets: Sequence[Outlet],
     announce: Callable[[Path, str | None], None],
 ) -> bool | None:
     """Whether the output is on at the end; None: unknown."""
@@ -58,7 +65,12 @@ def _serve_until(
     daemon.start()
     try:
         page_folder = PAGE_FOLDER if PAGE_FOLDER.is_dir() else None
-        with serve(daemon, place, tcp_port, page=page_folder) as page, as_service(lambda: daemon.status().ticks):
+        with ExitStack() as running:
+            page = running.enter_context(serve(daemon, place, tcp_port, page=page_folder))
+            running.enter_context(as_service(lambda: daemon.status().ticks))
+            if outlets:
+                told = feeding(outlets, daemon.shared.ring, daemon.events, lambda why: daemon.tell("outlet", why))
+                running.enter_context(told)
             _log.info("ready at %s; processes %s", place.path, daemon.pids)
             announce(place.path, page)
             ended.wait()
@@ -68,3 +80,9 @@ def _serve_until(
         said = {False: "off", True: "ON", None: "UNKNOWN"}[output_on]
         _log.log(logging.ERROR if output_on is not False else logging.INFO, "ended; the output is %s", said)
     return output_on
+
+
+def _outlets(settings: DaemonSettings, lsl: bool, osc: str | None) -> list[Outlet]:
+    """Those that are asked for, before anything is started. Raises HapticError without their packages."""
+    wanted: list[Outlet] = [LslOutlet(1.0 / settings.render.period_s, settings.config.name)] if lsl else []
+    return wanted + ([OscOutlet(osc)] if osc is not None else [])

@@ -8,7 +8,9 @@ from pathlib import Path
 from haptic_driver.config import RigConfig, load_model, load_rig
 from haptic_driver.daemon.render_process import Nothing, RenderSettings
 from haptic_driver.daemon.simulated_lines import PANEL
+from haptic_driver.devices import STAGE_INTERVAL_S
 from haptic_driver.render.tick import TickSettings
+from haptic_driver.rig_config import EvdevFingerConfig, NoAnalogOutput, StageFingerConfig
 from haptic_driver.stages import tick_settings
 from haptic_driver.surface_builder import build_surface
 from haptic_driver.surface_file import SurfaceFile
@@ -51,7 +53,7 @@ def daemon_settings(
 def idle_stages(config: RigConfig, surface: SurfaceFile) -> TickSettings:
     """The stages of one rig, with nothing to render yet; positions are extrapolated by the whole latency."""
     latency_s = latency_budget_s(config, PERIOD_S)
-    feedback_latency_s = latency_s["set_point"] + latency_s["instrument"]
+    feedback_latency_s = latency_s["total"] - latency_s["sensor"] - latency_s["tick"]
     return tick_settings(
         config, surface, Nothing(), feedback_latency_s=feedback_latency_s, output_latency_s=latency_s["total"]
     )
@@ -60,14 +62,27 @@ def idle_stages(config: RigConfig, surface: SurfaceFile) -> TickSettings:
 def latency_budget_s(config: RigConfig, period_s: float) -> dict[str, float]:
     """Mean time from where the finger is to the voltage that belongs there, by where it is spent, and in all.
 
-    Waiting for the next sensor reading, tick and set point takes half a period each; `output.latency_s` of the rig,
-    measured from a set point's wait to its effect, has the rest.
+    Waiting for the next sensor reading, tick and set point takes half a period each; an envelope is written ahead by
+    its lead. `output.latency_s` of the rig, measured from a command's wait to its effect, has the rest.
     """
-    set_point_s = 0.5 * config.output.setpoint_interval_s
+    output = config.analog_output
+    name, wait_s = "set_point", 0.5 * config.output.setpoint_interval_s
+    if not isinstance(output, NoAnalogOutput):
+        name, wait_s = "envelope", output.lead_s
     parts = {
-        "sensor": 0.5 / PANEL.report_rate_hz,
+        "sensor": 0.5 * _sensor_period_s(config),
         "tick": 0.5 * period_s,
-        "set_point": set_point_s,
-        "instrument": max(config.output.latency_s - set_point_s, 0.0),
+        name: wait_s,
+        "instrument": max(config.output.latency_s - wait_s, 0.0),
     }
     return parts | {"total": sum(parts.values())}
+
+
+def _sensor_period_s(config: RigConfig) -> float:
+    """How often the finger's place is told."""
+    match config.finger_tracker:
+        case EvdevFingerConfig(report_rate_hz=rate_hz):
+            return 1.0 / rate_hz
+        case StageFingerConfig():
+            return STAGE_INTERVAL_S
+    return 1.0 / PANEL.report_rate_hz if config.simulated else 0.0

@@ -17,15 +17,17 @@ from typing import Any, Generic, NamedTuple, TypeVar, cast, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.daemon.records import SAMPLE
+from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.render.texture import Target
 
 RING_SAMPLES = 1 << 14  # 16 s at 1 kHz
 TARGET_BYTES = 1 << 24  # for each of two targets, e.g. a map of 2 million pixels
 SLOT_BYTES = 256
+_HEADER_BYTES = 16  # of a slot
 ATTEMPTS = 8  # at a copy that a writer keeps disturbing
 _FORMATS = {float: "d", int: "q", bool: "?"}
+_SAMPLE_BYTES = SAMPLE.itemsize
 _CELLS = {"f8": "d", "u8": "Q", "u4": "I", "u1": "B"}
 
 
@@ -60,7 +62,7 @@ class Order(NamedTuple):
 class Output(NamedTuple):
     """What render puts out; `order` and `target` are the numbers of those it followed.
 
-    `tick` counts instants, `overruns` those that were missed. `flags` of `records.Flag`; `time_s` when it was written.
+    `tick` counts instants, `overruns` those that were missed. `flags` of `samples.Flag`; `time_s` when it was written.
     """
 
     order: int
@@ -89,40 +91,39 @@ class Slot(Generic[Values]):
     processors that reorder memory accesses too.
     """
 
-    _SEQUENCE = struct.Struct("=Q")
-    _CHECK = struct.Struct("=I")
-
     def __init__(self, memory: memoryview, initial: Values) -> None:
-        kinds = [_FORMATS[kind] for kind in get_type_hints(type(initial)).values()]
-        self._content = struct.Struct("=" + "".join(kinds))
-        self._bytes = 16 + self._content.size
-        assert self._bytes <= len(memory)
-        self._memory = memory
+        kinds = "".join(_FORMATS[kind] for kind in get_type_hints(type(initial)).values())
+        self._content = struct.Struct("=" + kinds)
+        self._whole = struct.Struct("=QI4x" + kinds)  # sequence number, checksum, content
+        assert self._whole.size <= len(memory)
+        self._memory = memory[: self._whole.size]
+        self._sequence = memory[:8].cast("Q")
+        self._check = memory[8:12].cast("I")
+        self._body = self._memory[_HEADER_BYTES:]
         self._make = cast(Any, type(initial))._make
         self._newest = initial
+        self._newest_sequence = 0
 
     def write(self, values: Values) -> None:
         """Replace the record."""
-        (sequence,) = self._SEQUENCE.unpack_from(self._memory)
-        sequence |= 1  # a writer that was killed left it odd
+        sequence = self._sequence[0] | 1  # a writer that was killed left it odd
         content = self._content.pack(*values)
-        self._SEQUENCE.pack_into(self._memory, 0, sequence)
-        self._memory[16 : self._bytes] = content
-        self._CHECK.pack_into(self._memory, 8, zlib.crc32(content, (sequence + 1) & 0xFFFFFFFF))
-        self._SEQUENCE.pack_into(self._memory, 0, sequence + 1)
+        self._sequence[0] = sequence
+        self._body[:] = content
+        self._check[0] = zlib.crc32(content, (sequence + 1) & 0xFFFFFFFF)
+        self._sequence[0] = sequence + 1
 
     def read(self) -> Values:
         """The newest record; the one read before when a writer is at it for too long or was killed there."""
         for _ in range(ATTEMPTS):
-            copy = bytes(self._memory[: self._bytes])
-            (sequence,) = self._SEQUENCE.unpack_from(copy)
-            (check,) = self._CHECK.unpack_from(copy, 8)
-            if sequence == 0:
+            if self._sequence[0] == self._newest_sequence:
                 break
-            if sequence & 1 or self._SEQUENCE.unpack_from(self._memory)[0] != sequence:
+            copy = self._memory.tobytes()
+            sequence, check, *values = self._whole.unpack(copy)
+            if sequence & 1 or self._sequence[0] != sequence:
                 continue
-            if zlib.crc32(memoryview(copy)[16:], sequence & 0xFFFFFFFF) == check:
-                self._newest = self._make(self._content.unpack_from(copy, 16))
+            if zlib.crc32(copy[_HEADER_BYTES:], sequence & 0xFFFFFFFF) == check:
+                self._newest, self._newest_sequence = self._make(values), sequence
                 break
         return self._newest
 
@@ -146,18 +147,21 @@ class Ring:
         self._cells = memory[64:]
         self._samples = np.frombuffer(self._cells, SAMPLE, RING_SAMPLES)
         self._pack = struct.Struct("=" + "".join(_CELLS[SAMPLE[name].str[1:]] for name in SAMPLE.names or ()))
-        assert self._pack.size == SAMPLE.itemsize
+        assert self._pack.size == _SAMPLE_BYTES
 
     @property
     def position(self) -> int:
         """How many samples were ever written."""
         return self._count[0]
 
+    def put(self, sample: tuple[float, ...]) -> None:
+        """Put one sample, the fields of SAMPLE in order, where the next one goes; it does not count yet."""
+        self._pack.pack_into(self._cells, (self._count[0] % RING_SAMPLES) * _SAMPLE_BYTES, *sample)
+
     def write(self, sample: tuple[float, ...]) -> None:
-        """Add one sample, the fields of SAMPLE in order."""
-        count = self._count[0]
-        self._pack.pack_into(self._cells, (count % RING_SAMPLES) * SAMPLE.itemsize, *sample)
-        self._count[0] = count + 1
+        """Add one sample."""
+        self.put(sample)
+        self._count[0] += 1
 
     def read(self, position: int) -> Taken:
         """What was written since `position`."""
@@ -256,6 +260,11 @@ class SharedState:
     def close(self) -> None:
         """Give the descriptor back; the memory itself goes when nobody uses it any more."""
         os.close(self.descriptor)
+
+
+def practice_slot() -> Slot[Output]:
+    """A slot for outputs that nobody reads."""
+    return Slot(memoryview(bytearray(SLOT_BYTES)), NO_OUTPUT)
 
 
 def _new_memory() -> int:

@@ -27,15 +27,17 @@ from typing import Self
 from haptic_driver.config import RigConfig, load_model, load_rig
 from haptic_driver.daemon.real_time import Metronome
 from haptic_driver.daemon.simulated_lines import PANEL, SCALE, LinesServer
-from haptic_driver.simulated_rig import surface_friction, with_hidden
+from haptic_driver.rig_config import SimulatedAnalogOutputConfig
+from haptic_driver.simulated_rig import simulated_amplifier, simulated_generator, surface_friction, with_hidden
 from haptic_driver.slides import Slide, synthetic_slide
 from haptic_driver.surface_builder import build_surface
-from hw.simulated.amplifier import SimulatedAmplifier
+from hw.simulated.analog_output import SimulatedCard
 from hw.simulated.finger_plant import FingerPlant
 from hw.simulated.net_ft_server import NetFtServer
+from hw.simulated.served_analog_output import AnalogOutputServer
 from hw.simulated.tcp_server import TcpServer
 from hw.simulated.touch_screen import SimulatedTouchScreen
-from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A, TerminalOutput
+from hw.simulated.waveform_generator import TerminalOutput
 from model.description import ModelDescription
 from model.touch_model import TouchModel
 
@@ -48,7 +50,8 @@ TOUCH_N = 0.02  # from this force on the screen feels the finger
 class SimulatedInstruments:
     """Generator, amplifier with its lines, force sensor and touch screen of a simulated rig, and a finger sliding.
 
-    The finger repeats `slide` for ever. Serves inside a `with` block; `step` lets time pass.
+    With an analog output in the rig's file there is a card too, wired to the generator's Modulation In. The finger
+    repeats `slide` for ever. Serves inside a `with` block; `step` lets time pass.
     """
 
     def __init__(
@@ -68,15 +71,10 @@ class SimulatedInstruments:
         self._record = None if record is None else os.open(record, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
         self._recorded: tuple[float, float] | None = None
         self._recording = threading.Lock()
-        self.amplifier = SimulatedAmplifier(
-            config.amplifier.gain_v_per_v,
-            config.amplifier.voltage_limit_v,
-            voltage_monitor_v_per_v=config.amplifier.voltage_monitor_v_per_v,
-        )
-        latency = GeneratorLatency(
-            amplitude_s=simulation.amplitude_latency_s, frequency_s=simulation.frequency_latency_s
-        )
-        self._generator = Simulated33220A(latency, listener=self._drive)
+        self.amplifier = simulated_amplifier(config)
+        self._generator = simulated_generator(config, self.amplifier, self._drive)
+        output = config.analog_output
+        self._card = SimulatedCard(output.zero_level_v) if isinstance(output, SimulatedAnalogOutputConfig) else None
         file = build_surface(with_hidden(TouchModel(model), simulation.hide).description, config.operating_limits())
         law = surface_friction(file, config.operating_limits())
         self._plant = FingerPlant(
@@ -88,19 +86,24 @@ class SimulatedInstruments:
         self._lines_server = TcpServer(LinesServer(self.amplifier, self._note, self._set_gain))
         self._force_server = NetFtServer(self._wrench, **SCALE._asdict(), rate_hz=None)
         self._touch_server = _TouchServer(self._screen)
+        self._card_server = None if self._card is None else TcpServer(AnalogOutputServer(self._card))
 
     @property
     def endpoints(self) -> dict[str, str]:
         """Where everything is."""
-        return {
+        always = {
             "waveform_generator": self._generator_server.resource,
             "amplifier_lines": self._lines_server.resource,
             "force_sensor": f"{self._force_server.host}:{self._force_server.port}",
             "touch_screen": f"127.0.0.1:{self._touch_server.port}",
         }
+        return always if self._card_server is None else always | {"analog_output": self._card_server.resource}
 
     def step(self, dt_s: float) -> None:
         """Let `dt_s` pass: the finger moves on, the outputs act on it, the sensors tell."""
+        if self._card is not None:
+            self._card.advance(dt_s)
+            self._generator.set_modulation_input(self._card.terminal_v)
         self._generator.advance(dt_s)
         output = self._generator.output()
         voltage_v = self.amplifier.step(dt_s, output)
@@ -122,6 +125,8 @@ class SimulatedInstruments:
         self._serving = ExitStack()
         for server in (self._generator_server, self._lines_server, self._force_server, self._touch_server):
             self._serving.enter_context(server)
+        if self._card_server is not None:
+            self._serving.enter_context(self._card_server)
         return self
 
     def __exit__(

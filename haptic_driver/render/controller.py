@@ -7,8 +7,8 @@ the carrier, so no policy but `fixed_frequency` goes below `lowest_carrier_hz`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, nan
-from typing import Literal, NamedTuple, get_args
+from math import hypot, isnan, nan
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render import feedback, kernels
 from haptic_driver.render.correction import NO_CORRECTION, Correction
-from haptic_driver.render.feedback import FeedbackState
+from haptic_driver.render.feedback import NO_FEEDBACK, FeedbackState
 from haptic_driver.render.kernels import (
     LOG_FREQUENCY,
     MERIT_AUTHORITY,
@@ -26,13 +26,14 @@ from haptic_driver.render.kernels import (
     Estimate,
     FeedbackSettings,
 )
-from haptic_driver.render.surface import Surface, best_frequency, invert, stuck_current_a_per_v
+from haptic_driver.render.surface import Surface, best_frequency, highest_cof, invert, stuck_current_a_per_v
 from haptic_driver.signals import NO_COMMAND, DriveCommand, FingerState, OperatingPoint, TargetFriction
 
 Policy = Literal["max_authority", "min_voltage", "min_current", "fixed_frequency", "carrier"]
 POLICIES: tuple[Policy, ...] = get_args(Policy)
 MERITS = {"min_voltage": MERIT_VOLTAGE, "min_current": MERIT_CURRENT}
 CARRIER_BAND_HZ = 10e3
+_GAIN, _AT_LIMIT = Estimate._fields.index("gain"), Estimate._fields.index("at_limit")
 CLEAR = 1e-9  # kept clear of a limit against rounding
 
 
@@ -97,6 +98,16 @@ class ControllerState(NamedTuple):
         return feedback.NEUTRAL_KNOWN if self.feedback is None else self.feedback.known
 
     @property
+    def gain(self) -> float:
+        """What the finger's gains make of the friction at the present drive."""
+        return self.known.item(_GAIN)
+
+    @property
+    def at_limit(self) -> bool:
+        """Whether one of the gains stands at its bound."""
+        return self.known.item(_AT_LIMIT) > 0.0
+
+    @property
     def estimate(self) -> Estimate:
         """The finger's gains, with their drift; 1 without feedback."""
         return feedback.NEUTRAL if self.feedback is None else self.feedback.estimate
@@ -110,18 +121,26 @@ class Controller:
 
     def __init__(self, settings: ControllerSettings) -> None:
         self.settings = settings
-        surface, correction = settings.surface, settings.correction
+        surface, correction = Surface(*map(_laid_out, settings.surface)), settings.correction
         law = settings.feedback
-        self._first_feedback = None if law is None else feedback.initial(law)
+        self._first_feedback = NO_FEEDBACK if law is None else feedback.initial(law)
+        self._learns = law is not None
         self._margin = 0.0 if law is None else law.margin
         self._fixed = settings.fixed_frequency_hz if settings.policy == "fixed_frequency" else None
         self._caps = _caps(settings) if self._fixed is not None else (np.inf, np.inf)
-        corrected = (*(NO_CORRECTION if correction is None else correction), correction is not None)
+        is_corrected = correction is not None
+        factors = tuple(map(_laid_out, NO_CORRECTION if correction is None else correction))
         fixed_hz = nan if self._fixed is None else self._fixed
-        how = (*settings.band, settings.merit, fixed_hz, settings.hysteresis, *self._caps)
-        self._what = (*surface, *corrected, *how)
-        self._along = (*surface, *corrected)
-        self._felt = (surface.axes, surface.cof, *corrected, np.array(law if law is not None else ()))
+        how = (
+            is_corrected, *settings.band, settings.merit, fixed_hz, settings.hysteresis, *self._caps, self._margin
+        )  # fmt: skip
+        learning = np.array(law if law is not None else ())
+        self._what: tuple[Any, ...] = (*surface, highest_cof(surface), *factors, np.array(how), learning)
+        self._along: tuple[Any, ...] = (*surface, *factors, is_corrected)
+
+    def __reduce__(self) -> tuple[type[Controller], tuple[ControllerSettings]]:
+        """Another process works out the rest again, instead of being sent everything twice."""
+        return Controller, (self.settings,)
 
     def step(
         self, state: ControllerState, target: TargetFriction, finger: FingerState, applied: DriveCommand = NO_COMMAND
@@ -131,18 +150,23 @@ class Controller:
         A target out of reach gives the nearest reachable friction, flagged. `applied` is the command of the tick
         before, which feedback compares with what the finger felt.
         """
-        state = self._observe(state, finger, applied)
-        if not target.active or not target.cof > 0.0 or not finger.normal_force_n > 0.0:
-            return state, _idle(state)
-        found = kernels.choose(
-            *self._what, state.known, self._margin,
-            target.cof, finger.normal_force_n, hypot(finger.velocity_x_m_s, finger.velocity_y_m_s), finger.time_s,
+        known, commands = state.feedback or self._first_feedback
+        then = FeedbackState(np.empty(known.shape), np.empty(commands.shape))
+        target_cof = target.cof if target.active else nan
+        arguments = (
+            *self._what, known, commands, *then,
+            target_cof, finger.time_s, hypot(finger.velocity_x_m_s, finger.velocity_y_m_s), finger.normal_force_n,
+            finger.lateral_force_n, finger.in_contact, applied.frequency_hz, applied.voltage_v,
             nan if state.frequency_hz is None else state.frequency_hz,
         )  # fmt: skip
-        frequency_hz, voltage_v, cof, current_a, stuck_a, low, high = found
-        reachable = low <= target.cof <= high
+        frequency_hz, voltage_v, cof, current_a, stuck_a, low, high = kernels.control(*arguments)
+        learnt = then if self._learns else None
+        if isnan(frequency_hz):
+            state = ControllerState(state.frequency_hz, learnt)
+            return state, _idle(state)
+        reachable = low <= target_cof <= high
         point = OperatingPoint(frequency_hz, voltage_v, cof, current_a, stuck_a, reachable, low, high)
-        return ControllerState(frequency_hz, state.feedback), point
+        return ControllerState(frequency_hz, learnt), point
 
     def along(
         self, state: ControllerState, target_cof: Array, finger: FingerState, frequency_hz: float
@@ -152,12 +176,12 @@ class Controller:
         Finger and gains are those of this tick. A target out of reach gives the nearest reachable friction.
         """
         voltage_v = np.empty(target_cof.size)
-        peak = kernels.voltages(
+        arguments = (
             *self._along, *self._caps, state.known, self._margin,
             target_cof, frequency_hz, finger.normal_force_n,
             hypot(finger.velocity_x_m_s, finger.velocity_y_m_s), finger.time_s, voltage_v,
         )  # fmt: skip
-        peak_v, cof, current_a, stuck_a, low, high = peak
+        peak_v, cof, current_a, stuck_a, low, high = kernels.voltages(*arguments)
         return voltage_v, OperatingPoint(frequency_hz, peak_v, cof, current_a, stuck_a, True, low, high)
 
     def reachable(self, normal_force_n: float) -> tuple[float, float]:
@@ -171,18 +195,10 @@ class Controller:
         inverse = invert(self.settings.surface, np.inf, best_hz, normal_force_n, *self._caps)
         return inverse.cof_low, inverse.cof_high
 
-    def _observe(self, state: ControllerState, finger: FingerState, applied: DriveCommand) -> ControllerState:
-        """Learn from what the finger felt, and remember the last command."""
-        known = state.feedback or self._first_feedback
-        if known is None:
-            return state
-        then = FeedbackState(np.empty_like(known.known), np.empty_like(known.commands))
-        kernels.learn(
-            *self._felt, *known, *then,
-            finger.time_s, hypot(finger.velocity_x_m_s, finger.velocity_y_m_s), finger.normal_force_n,
-            finger.lateral_force_n, finger.in_contact, applied.frequency_hz, applied.voltage_v,
-        )  # fmt: skip
-        return ControllerState(state.frequency_hz, then)
+
+def _laid_out(values: Array) -> Array:
+    """The same numbers laid out as every rig has them: another layout would be compiled for anew."""
+    return np.require(values, np.float64, ["C", "A", "W"])
 
 
 def _caps(settings: ControllerSettings) -> tuple[float, float]:

@@ -89,3 +89,5 @@ NEUTRAL = Estimate(
 )  # fmt: skip
 NEUTRAL_KNOWN = np.array(NEUTRAL)
 """The finger that the surface was made for, by name and in a row."""
+NO_FEEDBACK = FeedbackState(NEUTRAL_KNOWN, np.empty((3, 0)))
+"""What is known where nothing is learnt."""

@@ -49,17 +49,32 @@ def invert_one(
 
 
 @numba.njit(cache=True, nogil=True)
+def highest_cof(axes: Array, cof: Array, limit: Array, out: Array) -> None:
+    """`out` [normal force cell, frequency, 2]: the most friction that both loads of a cell have at its lower limit.
+
+    What `best_frequency` reads in a row, which otherwise lies a page apart from one frequency to the next.
+    """
+    for j in range(cof.shape[1] - 1):
+        for i in range(cof.shape[0]):
+            k, c = locate(axes[VOLTAGE], min(limit[i, j], limit[i, j + 1]))
+            out[j, i, 0], out[j, i, 1] = trilinear(cof, i, 0.0, j, 0.0, k, c), trilinear(cof, i, 0.0, j + 1, 0.0, k, c)
+
+
+@numba.njit(cache=True, nogil=True)
 def best_frequency(
-    axes: Array, cof: Array, current: Array, stuck: Array, limit: Array,
+    axes: Array, cof: Array, current: Array, stuck: Array, limit: Array, highest: Array,
     target_cof: float, normal_force_n: float, first: int, stop: int, merit: int,
 ) -> int:  # fmt: skip
-    """Index of the best node in first..stop; see `surface.best_frequency`."""
+    """Index of the best node in first..stop; see `surface.best_frequency`. `highest` is of `highest_cof`."""
     j, b = locate(axes[LOG_NORMAL_FORCE], np.log(normal_force_n))
     best, most = first, -1.0
     best_reaching, least = -1, np.inf
     for i in range(first, stop):
-        k, c = locate(axes[VOLTAGE], _voltage_limit(limit, i, 0.0, j, b))
-        high = trilinear(cof, i, 0.0, j, b, k, c)
+        if b > 0.0:
+            high = (1.0 - b) * highest[j, i, 0] + b * highest[j, i, 1]
+        else:
+            k, c = locate(axes[VOLTAGE], limit[i, j])
+            high = trilinear(cof, i, 0.0, j, 0.0, k, c)
         if high > most:
             best, most = i, high
         if merit != MERIT_AUTHORITY and high >= target_cof:
@@ -113,7 +128,7 @@ def _invert(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def choose(
-    axes: Array, cof: Array, current: Array, stuck: Array, limit: Array,
+    axes: Array, cof: Array, current: Array, stuck: Array, limit: Array, highest: Array,
     log_f: Array, log_n: Array, log_s: Array, volts: Array, times: Array,
     off_factor: Array, gain_factor: Array, time_factor: Array, corrected: bool,
     first: int, stop: int, merit: int, fixed_hz: float, hysteresis: float, voltage_cap: float, current_cap: float,
@@ -140,8 +155,9 @@ def choose(
         wanted = low + (target_cof - off * low) / gain
         if k <= FREQUENCY_ROUNDS and np.isnan(fixed_hz):
             frequency_hz = _best_or_present(
-                axes, cof, current, stuck, limit, wanted, normal_force_n, first, stop, merit, hysteresis, present_hz
-            )
+                axes, cof, current, stuck, limit, highest,
+                wanted, normal_force_n, first, stop, merit, hysteresis, present_hz,
+            )  # fmt: skip
         elif k == 0:
             frequency_hz = fixed_hz
         inverse = invert_one(
@@ -267,13 +283,13 @@ def _cautious_rise(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _best_or_present(
-    axes: Array, cof: Array, current: Array, stuck: Array, limit: Array,
+    axes: Array, cof: Array, current: Array, stuck: Array, limit: Array, highest: Array,
     target_cof: float, normal_force_n: float, first: int, stop: int, merit: int, hysteresis: float, present_hz: float,
 ) -> float:  # fmt: skip
     """The best frequency, or the present one while that is not clearly worse; NaN for none."""
     f0, f1, cells = axes[LOG_FREQUENCY]
     best_hz = np.exp(f0 + best_frequency(
-        axes, cof, current, stuck, limit, target_cof, normal_force_n, first, stop, merit
+        axes, cof, current, stuck, limit, highest, target_cof, normal_force_n, first, stop, merit
     ) * (f1 - f0) / cells)  # fmt: skip
     if np.isnan(present_hz) or present_hz == best_hz:
         return float(best_hz)
@@ -670,3 +686,35 @@ def in_force(commands: Array, at_s: float, around_s: float) -> tuple[float, floa
     if voltage_v == 0.0 and carrier_hz > 0.0:
         frequency_hz = carrier_hz
     return frequency_hz, voltage_v, min(least_v, voltage_v), most_v, steady and found
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def control(
+    axes: Array, cof: Array, current: Array, stuck: Array, limit: Array, highest: Array,
+    log_f: Array, log_n: Array, log_s: Array, volts: Array, times: Array,
+    off_factor: Array, gain_factor: Array, time_factor: Array,
+    how: Array, law: Array, known: Array, commands: Array, then_known: Array, then_commands: Array,
+    target_cof: float, time_s: float, speed_m_s: float, normal_force_n: float, lateral_force_n: float,
+    in_contact: bool, applied_hz: float, applied_v: float, present_hz: float,
+) -> tuple[float, float, float, float, float, float, float]:  # fmt: skip
+    """`learn`, unless `law` is empty, then `choose`: in one call, which costs as much as either does.
+
+    `how`: the arguments of `choose` from `corrected` to `margin` in a row. NaN for a target that is none, or under a
+    finger that does not press.
+    """
+    corrected, first, stop, merit = how[0] > 0.0, int(how[1]), int(how[2]), int(how[3])
+    fixed_hz, hysteresis, voltage_cap, current_cap, margin = how[4], how[5], how[6], how[7], how[8]
+    if law.size > 0:
+        learn(
+            axes, cof, log_f, log_n, log_s, volts, times, off_factor, gain_factor, time_factor, corrected,
+            law, known, commands, then_known, then_commands,
+            time_s, speed_m_s, normal_force_n, lateral_force_n, in_contact, applied_hz, applied_v,
+        )  # fmt: skip
+    if not target_cof > 0.0 or not normal_force_n > 0.0:
+        return np.nan, np.nan, np.nan, np.nan, np.nan, np.nan, np.nan
+    return choose(
+        axes, cof, current, stuck, limit, highest,
+        log_f, log_n, log_s, volts, times, off_factor, gain_factor, time_factor, corrected,
+        first, stop, merit, fixed_hz, hysteresis, voltage_cap, current_cap,
+        then_known if law.size > 0 else known, margin, target_cof, normal_force_n, speed_m_s, time_s, present_hz,
+    )  # fmt: skip

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from math import exp, isfinite, log, pi, sqrt
+from operator import itemgetter
 from typing import NamedTuple
 
 import numba
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.signals import OperatingPoint, SafeOperatingPoint
 
+_FREQUENCY = itemgetter(0)  # of a point of the limit curve
 ROUNDING = 1.0 + 1e-12  # a root of a square may come out so much larger
 
 
@@ -95,7 +97,7 @@ def first_outside(voltage_v: NDArray[np.float64], highest_v: float) -> int:
 def contact_current_limit_a_rms(limits: OperatingLimits, frequency_hz: float) -> float:
     """The limit curve at one frequency: straight lines on logarithmic axes, held at the ends."""
     curve = limits.contact_current_a_rms
-    i = bisect_right([f for f, _ in curve], frequency_hz)
+    i = bisect_right(curve, frequency_hz, key=_FREQUENCY)
     if i in (0, len(curve)):
         return curve[0][1] if i == 0 else curve[-1][1]
     (f0, i0), (f1, i1) = curve[i - 1], curve[i]

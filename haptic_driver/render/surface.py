@@ -91,4 +91,12 @@ def best_frequency(
 
     Where no node reaches the target, the one with most authority.
     """
-    return kernels.best_frequency(*surface, target_cof, normal_force_n, first, stop, merit)
+    return kernels.best_frequency(*surface, highest_cof(surface), target_cof, normal_force_n, first, stop, merit)
+
+
+def highest_cof(surface: Surface) -> Array:
+    """The most friction at every frequency and load, as `kernels.highest_cof` lays it out for a quick search."""
+    frequencies, loads, _ = surface.cof.shape
+    highest = np.empty((loads - 1, frequencies, 2))
+    kernels.highest_cof(surface.axes, surface.cof, surface.voltage_limit_v, highest)
+    return highest

@@ -10,14 +10,12 @@ import pytest
 
 from haptic_driver import devices as devices_module
 from haptic_driver.config import load_rig
-from haptic_driver.devices import connect_devices, finger_sample
+from haptic_driver.devices import connect_devices
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.rig import RigState
 from haptic_driver.served_rig import ServedRig, as_real
 from haptic_driver.signals import DriveCommand
 from hw.errors import DeviceError
-from hw.finger_tracker import FingerReading
-from hw.force_sensor import ForceReading
 
 SIMULATED = Path(__file__).parents[2] / "configs" / "rigs" / "simulated.toml"
 ON = DriveCommand(250.0, 80.0, True)
@@ -68,10 +66,11 @@ def test_a_whole_rig_comes_on_is_felt_and_goes_off(rig_config, served):
         drive_until(devices, lambda: served.amplifier.voltage_v == pytest.approx(80.0, rel=1e-3))
         assert served.interlock.closed
         assert devices.rig.state is RigState.ON
-        sample = finger_sample(devices.tracker.read(), devices.force_sensor.read())
-        assert sample.position_x_m == pytest.approx(0.0, abs=1e-4)  # home
-        assert sample.position_y_m == 0.03
-        assert sample.normal_force_n == pytest.approx(0.5, abs=0.05)  # ServedRig's finger, its noise 3 mN
+        finger = devices.tracker.read()
+        assert finger.position_x_m == pytest.approx(0.0, abs=1e-4)  # home
+        assert finger.position_y_m == 0.03
+        force_n = devices.force_sensor.read().normal_force_n
+        assert force_n == pytest.approx(0.5, abs=0.05)  # ServedRig's finger, its noise 3 mN
         watchdog = devices.watchdog.pid
         assert watchdog is not None
     assert served.amplifier.voltage_v == 0.0
@@ -197,24 +196,3 @@ def test_gauges_and_monitors_share_one_task_and_monitors_tell_the_peak(tmp_path,
     monkeypatch.setattr(Card, "loaded", False)
     reading = devices.force_sensor.read()
     assert (reading.normal_force_n, reading.lateral_force_n) == pytest.approx((-0.5, -0.3))
-
-
-# --- position and force -> sample --------------------------------------------------------------------------------
-
-HERE = FingerReading(3.0, 0.01, 0.02, True)
-FELT = ForceReading(3.1, 0.5, -0.3, False)
-
-
-def test_a_touch_has_place_and_forces():
-    assert finger_sample(HERE, FELT) == (3.0, 0.01, 0.02, 0.5, -0.3)
-
-
-@pytest.mark.parametrize("finger", [HERE._replace(touching=False), HERE._replace(position_x_m=float("nan"))])
-def test_without_a_touch_or_a_place_nothing_presses(finger):
-    assert finger_sample(finger, FELT).normal_force_n == 0.0
-
-
-def test_a_saturated_reading_has_no_friction():
-    sample = finger_sample(HERE, FELT._replace(saturated=True))
-    assert np.isnan(sample.lateral_force_n)
-    assert sample.normal_force_n == 0.5

@@ -11,7 +11,8 @@ import pytest
 
 from haptic_driver import recording
 from haptic_driver.daemon.recorder import Chunk, RunHeader, RunWriter
-from haptic_driver.daemon.records import SAMPLE, Event
+from haptic_driver.daemon.records import Event
+from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.errors import BadInputError, HapticError
 
 HEADER = RunHeader(

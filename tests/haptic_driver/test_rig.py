@@ -1,14 +1,12 @@
 """The rig as drivers see it: when set points are sent, when it switches off, and what it claims to know then."""
 
 import math
-import time
 
 import pytest
 
 from haptic_driver.config import RigConfig
 from haptic_driver.errors import HapticError
 from haptic_driver.rig import OffEvidence, RigState, SafetySettings, build_rig
-from haptic_driver.rig_guard import RigGuard
 from haptic_driver.signals import DriveCommand
 from hw.amplifier import AmplifierState
 from hw.errors import DeviceTimeout
@@ -364,18 +362,6 @@ def test_a_heart_does_not_rest_while_the_output_is_unknown(rig_config):
     bench.faults.inject(Fault.HANG, count=math.inf)
     assert bench.rig.off().output_on is None
     assert heart.rests == rests
-
-
-@pytest.mark.timeout(60)
-def test_a_guard_switches_off_for_a_caller_that_stalls(rig_config):
-    bench = Bench(rig_config, safety=SafetySettings(lease_s=0.2))
-    with RigGuard(bench.rig, period_s=0.01):
-        bench.rig.command(time.monotonic(), on(50.0))
-        give_up_s = time.monotonic() + 30.0
-        while bench.amplifier.voltage_v > 0.0:
-            assert time.monotonic() < give_up_s
-            time.sleep(0.01)
-    assert bench.rig.state is RigState.OFF
 
 
 # --- trips -----------------------------------------------------------------------------------------------------

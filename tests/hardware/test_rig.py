@@ -12,6 +12,7 @@ import time
 
 import pytest
 
+from haptic_driver.actuator import make_actuator
 from haptic_driver.config import load_rig
 from haptic_driver.devices import connect_devices
 from haptic_driver.doctor import Status, examine
@@ -48,10 +49,12 @@ def test_it_connects_with_its_output_off_and_its_sensors_answering(config):
 def test_a_low_voltage_comes_on_and_goes_off_with_evidence(config):
     wanted = DriveCommand(config.controller.lowest_carrier_hz, float(VOLTAGE), True)
     with connect_devices(config) as devices:
+        actuator = make_actuator(config, devices.rig, devices.analog_output)
         began_s = time.monotonic()
         while time.monotonic() - began_s < 1.0:
-            devices.rig.command(time.monotonic(), wanted)
-            time.sleep(config.output.setpoint_interval_s)
+            actuator.command(time.monotonic(), wanted)
+            actuator.play(wanted)
+            time.sleep(0.001)
         assert devices.rig.state is RigState.ON
         assert devices.rig.stop().output_on is False
 

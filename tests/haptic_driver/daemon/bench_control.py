@@ -10,7 +10,8 @@ import time
 
 import numpy as np
 
-from haptic_driver.daemon.records import SAMPLE, DaemonState, Event, RefusedError, Status
+from haptic_driver.daemon.records import DaemonState, Event, RefusedError, Status
+from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.daemon.state_machine import StateMachine
 from haptic_driver.errors import BadInputError
 

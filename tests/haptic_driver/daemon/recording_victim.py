@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from haptic_driver.daemon.recorder import Chunk, RunHeader, RunWriter
-from haptic_driver.daemon.records import SAMPLE, Event
+from haptic_driver.daemon.records import Event
+from haptic_driver.daemon.samples import SAMPLE
 
 HEADER = RunHeader(
     rig="by hand", simulated=True, model="reference", surface_hash="abc", calibration_ids={"force_sensor": "FT1"},

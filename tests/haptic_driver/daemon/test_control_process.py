@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
-from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from haptic_driver.daemon.records import DaemonState, RefusedError
 from haptic_driver.daemon.render_process import RenderSettings
 from haptic_driver.daemon.set_up import DaemonSettings, idle_stages, latency_budget_s
 from haptic_driver.daemon.simulated_lines import Lines
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError
 from hw.transport.tcp import TcpTransport
 
 HANG_S = 30.0
@@ -193,24 +194,45 @@ def test_a_trip_of_the_amplifier_is_a_fault_until_it_is_reset(daemon, electrode_
     assert daemon.status().fault is None
 
 
-def test_real_hardware_is_not_armed_without_real_time_scheduling(daemon, rig_config, monkeypatch):
-    real = replace(daemon.settings, config=rig_config.model_copy(update={"simulated": False}))
-    monkeypatch.setattr(daemon, "_real_time", False)
-    monkeypatch.setattr(daemon, "settings", real)
-    assert refusal(daemon.arm, 1.0) == "no_real_time"
-    monkeypatch.setattr(daemon, "settings", replace(real, allow_no_rt=True))
-    assert daemon.arm(1.0).lease_s == 1.0
-    daemon.disarm()
-    monkeypatch.setattr(daemon, "settings", real)
-    monkeypatch.setattr(daemon, "_real_time", True)
-    assert daemon.arm(1.0).lease_s == 1.0
+def since(daemon):
+    """A function that gives the events of one kind from now on."""
+    last = daemon.events(0)[-1].number
+    return lambda kind: [event for event in daemon.events(last) if event.kind == kind]
 
 
-def test_a_rig_without_sensors_does_not_start(settings, rig_config):
-    real = replace(settings, config=rig_config.model_copy(update={"simulated": False}))
-    with pytest.raises(HapticError) as refused:
-        Daemon(real).start()
-    assert refused.value.code == "no_sensors"
+def test_markers_of_a_script_are_told_when_they_pass(daemon, tmp_path):
+    script = tmp_path / "blocks.csv"
+    script.write_text("time_s,cof,label\n0,0.6,begin\n0.2,0.65,\n0.4,0.7,second block\n9,0.6,end\n")
+    new = since(daemon)
+    lease = daemon.arm(2.0)
+    began_s = time.monotonic()
+    daemon.play(lease.token, str(script))
+    keep_rendering(daemon, lease.token, lambda: len(new("marker")) >= 2)
+    markers = new("marker")
+    assert [marker.message for marker in markers] == ["begin", "second block"]
+    begin_s, second_s = (marker.data["due_s"] for marker in markers)
+    assert second_s - begin_s == pytest.approx(0.4)
+    assert begin_s >= began_s
+    assert all(marker.time_s >= marker.data["due_s"] for marker in markers)
+    daemon.set_target(lease.token, 0.6)  # the script is over, and so are its markers
+    assert len(new("marker")) == 2
+
+
+def test_a_finger_that_is_another_than_the_surfaces_is_told_once_per_fifth(daemon):
+    lines = Lines(TcpTransport.from_resource(daemon.endpoints["amplifier_lines"]))
+    lines.set_gain(1.6)
+    try:
+        new = since(daemon)
+        lease = daemon.arm(5.0)
+        daemon.set_target(lease.token, 1.0)
+        keep_rendering(daemon, lease.token, lambda: new("drift"))
+        first = new("drift")[0].data["gain"]
+        assert first > 1.2
+        told = [1.0] + [event.data["gain"] for event in new("drift")]
+        assert all(abs(after / before - 1.0) > 0.2 for before, after in pairwise(told))
+    finally:
+        lines.set_gain(1.0)
+        lines.close()
 
 
 def test_the_command_ends_with_the_output_off_and_a_killed_one_is_replaced(tmp_path):
@@ -229,7 +251,12 @@ def test_the_command_ends_with_the_output_off_and_a_killed_one_is_replaced(tmp_p
     killed.wait()
     killed.stderr.close()
     assert path.exists()
-    process = start()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(HANG_S)
+        command += ["--osc", f"127.0.0.1:{receiver.getsockname()[1]}"]
+        process = start()
+        assert receiver.recv(2048).startswith(b"/haptic/sample\0")
     assert oct(path.stat().st_mode & 0o777) == "0o600"
     os.kill(process.pid, signal.SIGTERM)
     said = process.stderr.read()

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from haptic_driver.daemon.processes import Place
-from haptic_driver.daemon.records import SAMPLE, DaemonState
+from haptic_driver.daemon.records import DaemonState
 from haptic_driver.daemon.run import PAGE_FOLDER
+from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.daemon.server import serve
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -119,7 +119,8 @@ import sys, time
 import numpy as np
 import pylsl
 from haptic_driver.daemon.outlets import LslOutlet
-from haptic_driver.daemon.records import SAMPLE, Event
+from haptic_driver.daemon.records import Event
+from haptic_driver.daemon.samples import SAMPLE
 
 outlet = LslOutlet(1000.0, "test")
 inlets = []

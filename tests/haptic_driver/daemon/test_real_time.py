@@ -77,6 +77,33 @@ def test_every_instant_is_served_once_or_missed_once(work_s):
         clock.now_s += work
 
 
+def test_an_instant_is_rehearsed_while_awake_before_it_and_never_late():
+    clock = Clock()
+    beat = Metronome(1e-3, spin_s=220e-6, clock=clock, sleep_until=clock.sleep_until)
+    rehearsed = []
+
+    def rehearse(due):
+        rehearsed.append((due, clock.now_s))
+        clock.now_s += 40e-6
+
+    def spin():  # the clock goes on while nobody sleeps
+        clock.now_s += 1e-6
+        return clock.now_s
+
+    beat._clock = spin
+    due = beat.wait(rehearse)
+    assert [coming.number for coming, _ in rehearsed] == [due.number] * len(rehearsed)
+    assert len(rehearsed) == 4
+    assert all(begun_s < due.due_s - real_time.REHEARSAL_S for _, begun_s in rehearsed)
+    assert 0.0 <= due.lateness_s < 2e-6
+    clock.now_s += 1.2e-3
+    late = beat.wait(rehearse)
+    assert late.lateness_s > 0.0
+    clock.now_s = late.due_s + 1e-3 - 100e-6
+    assert beat.wait(rehearse).lateness_s >= 0.0
+    assert len(rehearsed) == 4, "too late for one that has everything to fetch"
+
+
 def test_sleep_until_never_returns_early():
     for pause_s in (0.003, 0.0, -1.0):
         until_s = time.monotonic() + pause_s

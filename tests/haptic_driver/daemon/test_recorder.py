@@ -17,7 +17,8 @@ import pytest
 
 from haptic_driver.daemon.recorder import Chunk, RunHeader, RunWriter, hidden_copy
 from haptic_driver.daemon.recorder_process import Recorder
-from haptic_driver.daemon.records import SAMPLE, Event
+from haptic_driver.daemon.records import Event
+from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.daemon.shared_state import RING_SAMPLES, SharedState
 from haptic_driver.errors import BadInputError
 from haptic_driver.recording import read_run, run_names

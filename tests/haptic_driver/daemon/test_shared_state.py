@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.daemon import shared_state
-from haptic_driver.daemon.records import SAMPLE
+from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.daemon.shared_state import NO_ORDER, NOTHING_SENSED, RING_SAMPLES, Sensed, SharedState
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import FrictionMap, Placed, Uniform

@@ -9,7 +9,10 @@ from hypothesis import strategies as st
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.render import kernels
 from haptic_driver.render.controller import INITIAL, POLICIES, Controller, ControllerSettings, ControllerState
+from haptic_driver.render.correction import NO_CORRECTION
+from haptic_driver.render.kernels import FeedbackSettings
 from haptic_driver.render.safety import violation
 from haptic_driver.signals import FingerState, TargetFriction
 from haptic_driver.surface_file import ready_for_lookup
@@ -296,3 +299,15 @@ def test_settings_without_a_frequency_to_use_are_refused(surface, settings, code
         ControllerSettings(surface, WIDE, **settings)
     assert refused.value.code == code
     assert words in refused.value.hint
+
+
+def test_the_kernel_is_compiled_once_for_all_rigs(surface):
+    """However their arrays lie in memory: a daemon that compiles at its start takes many times as long."""
+    ask(make(surface), 0.6)
+    forms = list(kernels.control.signatures)
+    turned = NO_CORRECTION._replace(gain_factor=np.ones((2, 2, 2, 2)).transpose(1, 0, 3, 2)[:, ::-1])
+    read_only = surface.cof.copy()
+    read_only.setflags(write=False)
+    ask(make(surface._replace(cof=read_only), correction=turned, feedback=FeedbackSettings(0.05)), 0.6)
+    ask(make(surface._replace(cof=np.asfortranarray(surface.cof)), "fixed_frequency", fixed_frequency_hz=250.0), 0.6)
+    assert kernels.control.signatures == forms

@@ -1,0 +1,53 @@
+"""What a tick leaves behind: a sample and its flags. Without pydantic, which the render process does not load."""
+
+from __future__ import annotations
+
+from enum import IntFlag
+
+import numpy as np
+
+
+class Flag(IntFlag):
+    """What has happened since arming; each stays up until the next arming."""
+
+    OVERRUN = 1
+    SATURATED_SENSOR = 2
+    STALE_SENSOR = 4
+    UNREACHABLE = 8
+    REJECTED = 16
+    LEASE_LOST = 32
+    TRIPPED = 64
+    FAULT = 128
+    FEEDBACK_LIMIT = 256
+
+    def names(self) -> list[str]:
+        """Lower-case names of the flags that are up."""
+        return [flag.name.lower() for flag in Flag if flag in self and flag.name]
+
+
+SAMPLE = np.dtype(
+    [
+        ("tick", "u8"),
+        ("time_s", "f8"),  # CLOCK_MONOTONIC when the tick was due
+        ("lateness_s", "f8"),
+        ("compute_s", "f8"),
+        ("finger_time_s", "f8"),  # of the finger sample used
+        ("position_x_m", "f8"),  # raw
+        ("position_y_m", "f8"),
+        ("output_x_m", "f8"),  # extrapolated to output time
+        ("output_y_m", "f8"),
+        ("speed_m_s", "f8"),
+        ("normal_force_n", "f8"),
+        ("lateral_force_n", "f8"),
+        ("in_contact", "u1"),
+        ("target_cof", "f8"),  # NaN where nothing is asked
+        ("expected_cof", "f8"),
+        ("measured_cof", "f8"),  # NaN without sliding contact
+        ("feedback_gain", "f8"),  # the finger's estimated gain
+        ("frequency_hz", "f8"),
+        ("voltage_v", "f8"),  # peak at the electrode, as commanded
+        ("output_on", "u1"),
+        ("flags", "u4"),
+    ]
+)
+"""One tick as it goes through the ring buffer to recorder, API and dashboard."""

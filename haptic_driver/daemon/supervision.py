@@ -1,0 +1,237 @@
+"""What the daemon consists of besides control: started, watched over, and brought back when it died or fell silent.
+
+The same for real and simulated rigs; only `_connect_instruments` knows the difference. Whoever supervises never decides
+that output may come on: it says what is missing, and what failed.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import pickle
+import threading
+import time
+from collections.abc import Callable
+
+from haptic_driver.daemon.instruments import Instruments, connect_real, connect_simulated
+from haptic_driver.daemon.output_pump import OUTPUT_STALE_S, OutputPump
+from haptic_driver.daemon.processes import Child
+from haptic_driver.daemon.set_up import DaemonSettings
+from haptic_driver.daemon.shared_state import SharedState
+from haptic_driver.errors import HapticError
+from haptic_driver.rig import RigEvent, RigState
+from hw.errors import DeviceError
+
+START_TIMEOUT_S = 240.0  # compiling all kernels, on a busy machine
+LOOK_PERIOD_S = 0.2  # between looks at the rig and its watchdog
+SENSOR_RETRY_S = 0.02
+LOST_S = 2.0  # sensors that fail, or an output that nobody knows, for so long: everything is connected anew
+RETRY_S = 1.0  # between attempts at that
+SILENCE_POLL_S = 0.005
+
+RENDER, INSTRUMENTS, WATCHDOG = "render", "instruments", "watchdog"
+
+_log = logging.getLogger(__name__)
+
+
+class Supervisor:
+    """The render process, the instruments (in a process of their own where simulated) and their sensors' thread.
+
+    `missing` says why nobody can arm; empty when all is there. `failed` is told what takes the output away, `tell`
+    what else happened, `rig_says` what the rig reports.
+    """
+
+    def __init__(
+        self, settings: DaemonSettings, shared: SharedState, pump: OutputPump, *,
+        failed: Callable[[str], object], tell: Callable[[str, str], object], rig_says: Callable[[RigEvent], None],
+        clock: Callable[[], float],
+    ) -> None:  # fmt: skip
+        self.missing = "the daemon is starting"
+        self.instruments: Instruments | None = None
+        self.endpoints: dict[str, str] = {}  # of simulated instruments
+        self.real_time = False
+        self._settings = settings
+        self._shared = shared
+        self._pump = pump
+        self._failed = failed
+        self._tell = tell
+        self._rig_says = rig_says
+        self._clock = clock
+        self._children: dict[str, Child] = {}
+        self._looked_s = -math.inf
+        self._sensors_failed: tuple[float, str] | None = None  # since when, and why
+        self._unknown_since_s: float | None = None  # that the output may be on or off
+        self._restarting = threading.Lock()
+        self._ending = threading.Event()
+        self._threads: list[threading.Thread] = []
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process ids by name."""
+        found = {name: child.pid for name, child in self._children.items()}
+        watchdog = self.instruments.watchdog_pid if self.instruments is not None else None
+        return found | ({WATCHDOG: watchdog} if watchdog is not None else {})
+
+    def start(self) -> None:
+        """Start and connect everything. Raises HapticError and DeviceError; `close` then ends what was started."""
+        self._begin_instruments()  # both take seconds, at the same time
+        self._start_render()
+        self._connect_instruments()
+        self._in_thread(self._sense)
+
+    def await_all(self) -> None:
+        """Until sensors and render have been heard; nothing is missing then. Raises HapticError when they are not."""
+        self._await_heard()
+        self.missing = ""
+
+    def silent(self) -> str:
+        """Who has not been heard lately; empty when all have."""
+        now_s, sensed = self._clock(), self._shared.sensed.read()
+        last_s = {"the finger tracker": sensed.finger_time_s, "the force sensor": sensed.force_time_s}
+        last_s["render"] = self._shared.output.read().time_s
+        return ", ".join(f"{who} is silent" for who, time_s in last_s.items() if now_s - time_s > OUTPUT_STALE_S)
+
+    def watch(self, now_s: float, rendering: bool) -> None:
+        """Look after everything, often; begins to bring back what is gone. Raises HapticError when the rig trips."""
+        for name, child in list(self._children.items()):
+            if (ended := child.ended) is not None and not self._ending.is_set():
+                self._lose(name, ended)
+        if now_s - self._looked_s >= LOOK_PERIOD_S:
+            self._looked_s = now_s
+            if self.instruments is not None and not self.missing:
+                self._look_at(self.instruments, now_s, rendering)
+
+    def end(self) -> None:
+        """Begin nothing any more; returns when all threads have ended."""
+        self._ending.set()
+        for thread in self._threads:
+            thread.join()
+
+    def close(self) -> bool | None:
+        """Switch off and end everything, after `end`; whether the output is on (None: unknown). Never raises."""
+        output_on = self.instruments.close() if self.instruments is not None else self._pump.output_on
+        for child in self._children.values():
+            child.stop()
+        return output_on
+
+    # --- starting ------------------------------------------------------------------------------------------------
+
+    def _start_render(self) -> None:
+        child = Child(
+            RENDER, "haptic_driver.daemon.render_process", [self._shared.descriptor, os.getpid()],
+            given=pickle.dumps(self._settings.render), descriptors=[self._shared.descriptor],
+        )  # fmt: skip
+        self._children[RENDER] = child
+        granted = child.ready(START_TIMEOUT_S)
+        self.real_time = bool(granted["scheduled"])
+        if granted["refused"]:
+            _log.warning("render: %s", granted["refused"])
+
+    def _begin_instruments(self) -> None:
+        """Begin to start simulated instruments; real ones are there already."""
+        settings = self._settings
+        if settings.config.simulated:
+            record = [] if settings.amplifier_record is None else ["--record", settings.amplifier_record]
+            self._children[INSTRUMENTS] = Child(
+                INSTRUMENTS, "haptic_driver.daemon.simulated_process", [settings.rig, settings.model, *record]
+            )
+
+    def _connect_instruments(self) -> None:
+        config = self._settings.config
+        if config.simulated:
+            self.endpoints = self._children[INSTRUMENTS].ready(START_TIMEOUT_S)["endpoints"]
+            self.instruments = connect_simulated(config, self.endpoints, self._rig_says)
+        else:
+            self.instruments = connect_real(config, self._rig_says)
+        self._pump.actuator = self.instruments.actuator
+
+    def _await_heard(self) -> None:
+        until_s = self._clock() + START_TIMEOUT_S
+        while (silent := self.silent()) and not self._ending.wait(SILENCE_POLL_S):
+            if self._clock() > until_s:
+                raise HapticError("silent", silent, "check the sensors; look at the log")
+
+    # --- watching ------------------------------------------------------------------------------------------------
+
+    def _sense(self) -> None:
+        """Sensors -> shared memory. What fails here is stale there, and render takes its output to zero."""
+        while not self._ending.is_set():
+            instruments, pause_s = self.instruments, SENSOR_RETRY_S
+            try:
+                if instruments is not None:
+                    self._shared.sensed.write(instruments.read())
+                    self._sensors_failed, pause_s = None, instruments.sensor_period_s
+            except DeviceError as error:
+                if self._sensors_failed is None:
+                    self._sensors_failed = self._clock(), error.message
+                    self._tell("flag", f"sensors: {error.message}")
+            time.sleep(pause_s)
+
+    def _look_at(self, instruments: Instruments, now_s: float, rendering: bool) -> None:
+        if why := self._why_lost(instruments, now_s):
+            self._lose(INSTRUMENTS, why)
+            return
+        if instruments.rig.state is RigState.OFF and not rendering:
+            try:
+                instruments.check_watchdog()
+            except DeviceError as error:
+                self._lose(WATCHDOG, error.message)
+                return
+        instruments.rig.watch(now_s)
+
+    def _why_lost(self, instruments: Instruments, now_s: float) -> str | None:
+        """Why the instruments have to be connected anew; None where they have not."""
+        failed = self._sensors_failed
+        if failed is not None and now_s - failed[0] > LOST_S:
+            return f"sensors: {failed[1]}"
+        unknown = instruments.rig.state is RigState.UNKNOWN
+        self._unknown_since_s = (self._unknown_since_s or now_s) if unknown else None
+        if self._unknown_since_s is not None and now_s - self._unknown_since_s > LOST_S:
+            return "nobody knows whether the output is off"
+        return None
+
+    # --- bringing back -------------------------------------------------------------------------------------------
+
+    def _lose(self, name: str, why: str) -> None:
+        """Say so, then bring it back in a thread of its own, one thing at a time; nobody can arm meanwhile."""
+        self._failed(why)
+        with self._restarting:
+            if self.missing:
+                return
+            self.missing = f"{name}: being started again"
+        self._in_thread(self._bring_back, name)
+
+    def _bring_back(self, name: str) -> None:
+        while not self._ending.is_set():
+            try:
+                self._restart(name)
+                self._await_heard()
+            except (HapticError, DeviceError) as error:
+                self.missing = f"{name}: cannot be started again: {error.message}"
+                _log.error("%s", self.missing)
+                self._ending.wait(RETRY_S)
+            else:
+                self._sensors_failed = self._unknown_since_s = None
+                self.missing = ""
+                self._tell("state", f"{name}: back; reset to go on")
+                return
+
+    def _restart(self, name: str) -> None:
+        if name in self._children:
+            self._children[name].kill()
+        if name == RENDER:
+            self._start_render()
+        elif name == WATCHDOG and self.instruments is not None:
+            self.instruments.restart_watchdog()
+        else:
+            instruments, self.instruments, self._pump.actuator = self.instruments, None, None
+            if instruments is not None:
+                instruments.close()
+            self._begin_instruments()
+            self._connect_instruments()
+
+    def _in_thread(self, work: Callable[..., None], *arguments: object) -> None:
+        thread = threading.Thread(target=work, args=arguments, name=work.__name__.strip("_"), daemon=True)
+        self._threads.append(thread)
+        thread.start()

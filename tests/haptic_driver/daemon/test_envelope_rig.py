@@ -1,0 +1,128 @@
+"""The daemon on the rig with an analog output: what comes out at the simulated electrode."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import pytest
+
+from haptic_driver.config import load_rig
+from haptic_driver.daemon.control_process import Daemon
+from haptic_driver.daemon.records import DaemonState
+from haptic_driver.daemon.render_process import RenderSettings
+from haptic_driver.daemon.set_up import DaemonSettings, idle_stages
+from haptic_driver.errors import HapticError
+
+HANG_S = 60.0
+
+
+def until(condition):
+    until_s = time.monotonic() + HANG_S
+    while not (found := condition()):
+        assert time.monotonic() < until_s
+        time.sleep(0.005)
+    return found
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory):
+    return tmp_path_factory.mktemp("amplifier") / "record.txt"
+
+
+@pytest.fixture(scope="module")
+def running(surface_file, record):
+    config = load_rig("simulated-envelope")
+    render = RenderSettings(idle_stages(config, surface_file))
+    settings = DaemonSettings("simulated-envelope", "reference", config, surface_file, render, amplifier_record=record)
+    with Daemon(settings) as daemon:
+        yield daemon
+
+
+@pytest.fixture
+def daemon(running):
+    yield running
+    running.disarm()
+
+
+@pytest.fixture
+def history(record):
+    """(time_s, voltage_v) of every change at the electrode after a time."""
+
+    def since(time_s):
+        lines = (line.split() for line in record.read_text().splitlines())
+        return [(float(t), float(v)) for t, _, v in lines if float(t) > time_s]
+
+    return since
+
+
+def keep_rendering(daemon, token, condition):
+    return until(lambda: daemon.renew(token) and condition())
+
+
+def test_the_electrode_follows_every_tick_and_not_only_every_set_point(daemon, history):
+    assert daemon.status().actuator == "analog envelope"
+    lease = daemon.arm(5.0)
+    status = daemon.play(lease.token, "grating")
+    assert status.state is DaemonState.RENDERING
+    interval_s = daemon.settings.config.output.setpoint_interval_s
+
+    def moves():
+        """More different voltages in a quarter of a second than set points could make in all of it."""
+        seen = {v for _, v in history(time.monotonic() - 0.25) if v > 10.0}
+        return len(seen) > 0.25 / interval_s
+
+    keep_rendering(daemon, lease.token, moves)
+    assert max(v for _, v in history(0.0)) <= daemon.settings.config.limits.voltage_v
+    assert daemon.status().output_on is True
+    off_s = time.monotonic()
+    status = daemon.off()
+    assert (status.state, status.output_on) == (DaemonState.ARMED, False)
+    zero_s = next(t for t, v in history(0.0)[::-1] if v == 0.0)
+    assert history(0.0)[-1][1] == 0.0
+    time.sleep(0.05)
+    assert [v for t, v in history(max(off_s, zero_s)) if v > 0.0] == []
+
+
+def test_it_renders_the_voltage_that_render_asks_for(daemon, history):
+    lease = daemon.arm(5.0)
+    daemon.set_target(lease.token, 0.66)
+
+    def agrees():
+        """The electrode now, and what was asked for within the last 20 ms."""
+        at_s = time.monotonic()
+        asked = [v for v in daemon.samples(0, 20)["voltage_v"] if v > 20.0]
+        seen = history(at_s - 0.02)
+        return asked and seen and min(asked) * 0.98 <= seen[-1][1] <= max(asked) * 1.02
+
+    keep_rendering(daemon, lease.token, agrees)
+
+
+def test_a_lost_client_takes_the_envelope_to_zero(daemon, history):
+    lease = daemon.arm(0.3)
+    daemon.set_target(lease.token, 0.66)
+    keep_rendering(daemon, lease.token, lambda: [v for _, v in history(time.monotonic() - 0.1) if v > 10.0])
+    until(lambda: daemon.status().state is DaemonState.IDLE)
+    assert history(0.0)[-1][1] == 0.0
+
+
+def test_instruments_that_die_are_a_fault_and_come_back_with_their_envelope(daemon, history):
+    lease = daemon.arm(5.0)
+    daemon.set_target(lease.token, 0.66)
+    keep_rendering(daemon, lease.token, lambda: [v for _, v in history(time.monotonic() - 0.1) if v > 10.0])
+    os.kill(daemon.pids["instruments"], signal.SIGKILL)
+    until(lambda: daemon.status().state is DaemonState.FAULT)
+    assert daemon.status().output_on is not True
+
+    def reset():
+        try:
+            return daemon.reset()
+        except HapticError:
+            return None
+
+    until(reset)
+    began_s = time.monotonic()
+    lease = daemon.arm(5.0)
+    daemon.set_target(lease.token, 0.66)
+    keep_rendering(daemon, lease.token, lambda: [v for _, v in history(began_s) if v > 10.0])

@@ -1,0 +1,247 @@
+"""The daemon on a rig's file that names real resources: its own drivers, on instruments served over their own wires."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from dataclasses import replace
+
+import pytest
+
+from haptic_driver import devices as devices_module
+from haptic_driver.config import load_rig
+from haptic_driver.daemon.control_process import Daemon
+from haptic_driver.daemon.instruments import connect_real
+from haptic_driver.daemon.records import DaemonState, RefusedError
+from haptic_driver.daemon.render_process import RenderSettings
+from haptic_driver.daemon.set_up import DaemonSettings, idle_stages, latency_budget_s
+from haptic_driver.errors import BadInputError
+from haptic_driver.rig_config import NiAnalogOutputConfig, NoFingerTracker, WatchdogConfig
+from haptic_driver.served_rig import ServedRig, as_real
+from hw.simulated.analog_output import SimulatedAnalogOutput
+from hw.simulated.net_ft_server import RdtFault
+from hw.simulated.tcp_server import TcpServer
+
+HANG_S = 60.0
+STEP_S = 0.002
+RESTING = 1.0  # well above what a finger that has not slid yet is trusted to feel
+
+
+def until(condition):
+    """Wait for it; what it gave."""
+    until_s = time.monotonic() + HANG_S
+    while not (found := condition()):
+        assert time.monotonic() < until_s
+        time.sleep(0.01)
+    return found
+
+
+def keep_rendering(daemon, token, condition):
+    return until(lambda: daemon.renew(token) and condition())
+
+
+@pytest.fixture(scope="module")
+def served(rig_config, touch):
+    with ServedRig(rig_config, touch) as rig:
+        ended = threading.Event()
+
+        def pass_time():
+            while not ended.wait(STEP_S):
+                rig.advance(STEP_S)
+
+        world = threading.Thread(target=pass_time)
+        world.start()
+        try:
+            yield rig
+        finally:
+            ended.set()
+            world.join()
+
+
+@pytest.fixture(scope="module")
+def real_config(rig_config, served):
+    return as_real(rig_config, served.endpoints)
+
+
+@pytest.fixture(scope="module")
+def settings(real_config, surface_file):
+    render = RenderSettings(idle_stages(real_config, surface_file))
+    return DaemonSettings("served", "reference", real_config, surface_file, render, allow_no_rt=True)
+
+
+@pytest.fixture(scope="module")
+def running(settings, served):
+    """In the end it is closed while it renders, and knows that the output is off."""
+    daemon = Daemon(settings)
+    daemon.start()
+    daemon.instruments.devices.stage.home()  # the finger's place is known from here on, and it presses
+    until(lambda: daemon.shared.sensed.read().touching)
+    yield daemon
+    lease = daemon.arm(5.0)
+    daemon.set_target(lease.token, RESTING)
+    assert daemon.close() is False
+    assert served.amplifier.voltage_v == 0.0
+    assert not served.generator.output().on
+
+
+@pytest.fixture
+def daemon(running):
+    yield running
+    running.disarm()
+
+
+def refusal(call, *arguments):
+    with pytest.raises(RefusedError) as refused:
+        call(*arguments)
+    return refused.value
+
+
+# --- what a file may say or leave out; before the daemon, as the instruments take one driver each ----------------
+
+
+def test_a_rig_whose_finger_nobody_tracks_is_refused(real_config):
+    with pytest.raises(BadInputError) as refused:
+        connect_real(real_config.model_copy(update={"finger_tracker": NoFingerTracker()}), lambda event: None)
+    assert refused.value.code == "no_finger_tracker"
+
+
+def test_a_rig_may_say_that_it_has_no_watchdog(real_config):
+    config = real_config.model_copy(update={"watchdog": WatchdogConfig(generator="none")})
+    assert config.unverified == []
+    instruments = connect_real(config, lambda event: None)
+    try:
+        assert instruments.watchdog_pid is None
+        instruments.check_watchdog()
+        instruments.restart_watchdog()
+        assert instruments.actuator.name == "setpoints over SCPI"
+    finally:
+        assert instruments.close() is False
+
+
+def test_an_analog_output_in_the_file_is_opened_at_zero_and_makes_the_envelope(real_config, monkeypatch):
+    made = []
+
+    class Card(SimulatedAnalogOutput):
+        def __init__(self, channel, output_settings):
+            super().__init__(output_settings, channel)
+            made.append(self)
+
+    monkeypatch.setattr(devices_module, "NiAnalogOutput", Card)
+    given = load_rig("simulated-envelope")
+    config = real_config.model_copy(
+        update={
+            "analog_output": NiAnalogOutputConfig(
+                **(given.analog_output.model_dump() | {"kind": "ni", "channel": "Dev2/ao0"})
+            ),
+            "waveform_generator": real_config.waveform_generator.model_copy(
+                update={"modulation_input": given.waveform_generator.modulation_input}
+            ),
+        }
+    )
+    instruments = connect_real(config, lambda event: None)
+    try:
+        assert instruments.actuator.name == "analog envelope"
+        assert (made[0].resource, made[0].level_v) == ("Dev2/ao0", -5.0)
+        budget = latency_budget_s(config, 0.001)
+        assert (budget["envelope"], budget["sensor"]) == (0.003, pytest.approx(0.0025))
+    finally:
+        assert instruments.close() is False
+    assert made[0].level_v is None  # closed
+
+
+# --- the daemon --------------------------------------------------------------------------------------------------
+
+
+def test_a_target_reaches_the_electrode_and_off_takes_it_away(daemon, served):
+    status = daemon.status()
+    assert (status.state, status.simulated, status.output_on) == (DaemonState.IDLE, False, False)
+    assert set(daemon.pids) == {"render", "watchdog"}
+    lease = daemon.arm(5.0)
+    daemon.set_target(lease.token, RESTING)
+    keep_rendering(daemon, lease.token, lambda: served.amplifier.voltage_v > 20.0)
+    assert served.interlock.closed
+    status = daemon.status()
+    assert (status.output_on, status.actuator) == (True, "setpoints over SCPI")
+    low_hz, high_hz = daemon.settings.config.limits.frequency_hz
+    assert low_hz <= status.frequency_hz <= high_hz
+    status = daemon.off()
+    assert served.amplifier.voltage_v == 0.0
+    assert (status.state, status.output_on, status.frequency_hz) == (DaemonState.ARMED, False, None)
+
+
+def test_what_nobody_vouches_for_is_listed_and_keeps_the_rig_from_being_armed(daemon, monkeypatch):
+    config = daemon.settings.config
+    limits, amplifier = (
+        section.model_copy(update={"measured_by": ""}) for section in (config.limits, config.amplifier)
+    )
+    unsigned = config.model_copy(update={"limits": limits, "amplifier": amplifier, "watchdog": None})
+    monkeypatch.setattr(daemon, "settings", replace(daemon.settings, config=unsigned))
+    refused = refusal(daemon.arm, 1.0)
+    assert refused.code == "unverified"
+    for name in ("limits.measured_by", "amplifier.measured_by", 'watchdog.generator (a resource, or "none")'):
+        assert name in refused.message
+    assert daemon.status().state is DaemonState.IDLE
+
+
+def test_without_real_time_scheduling_it_is_not_armed(daemon, monkeypatch):
+    monkeypatch.setattr(daemon._supervisor, "real_time", False)
+    monkeypatch.setattr(daemon, "settings", replace(daemon.settings, allow_no_rt=False))
+    assert refusal(daemon.arm, 1.0).code == "no_real_time"
+    monkeypatch.setattr(daemon._supervisor, "real_time", True)
+    assert daemon.arm(1.0).lease_s == 1.0
+
+
+def test_a_generator_that_goes_is_a_fault_and_one_that_comes_back_renders_again(daemon, served):
+    lease = daemon.arm(5.0)
+    daemon.set_target(lease.token, RESTING)
+    keep_rendering(daemon, lease.token, lambda: served.amplifier.voltage_v > 20.0)
+    server = served._generator_tcp
+    server.close()
+    until(lambda: daemon.status().state is DaemonState.FAULT)
+    assert served.amplifier.voltage_v == 0.0  # by the interlock box
+    status = daemon.status()
+    assert server.resource in status.fault
+    assert status.frequency_hz is None
+    assert "generator does not answer, amplifier disabled" in status.fault
+    assert refusal(daemon.arm, 1.0).code == "fault"
+    served._generator_tcp = TcpServer(served.generator, server.port)
+    served._generator_tcp.start()
+    until(lambda: _reset(daemon))
+    lease = daemon.arm(5.0)
+    daemon.set_target(lease.token, RESTING)
+    keep_rendering(daemon, lease.token, lambda: served.amplifier.voltage_v > 20.0)
+    daemon.off()
+    assert served.amplifier.voltage_v == 0.0
+
+
+def _reset(daemon):
+    try:
+        return daemon.status().state is DaemonState.IDLE or daemon.reset()
+    except RefusedError:
+        return None
+
+
+def test_sensors_that_fall_silent_are_connected_anew(daemon, served):
+    before = daemon.instruments
+    served._force.inject(RdtFault.SILENCE, count=math.inf)
+    until(lambda: daemon.status().state is DaemonState.FAULT)
+    assert "sent no usable record" in daemon.status().fault
+    until(lambda: daemon.instruments is None)
+    assert daemon.status().output_on is None  # nobody to ask
+    assert refusal(daemon.reset).code == "cause_remains"
+    served._force.heal()
+    until(lambda: daemon.instruments is not None)
+    until(lambda: _reset(daemon))
+    assert daemon.instruments is not before
+    assert daemon.status().output_on is False
+    assert any("reset to go on" in event.message for event in daemon.events(0))
+    daemon.arm(1.0)
+
+
+def test_a_watchdog_that_dies_is_started_again(daemon):
+    before = daemon.pids["watchdog"]
+    daemon.instruments.devices.watchdog._process.kill()
+    until(lambda: daemon.status().state is DaemonState.FAULT)
+    until(lambda: _reset(daemon))
+    assert daemon.pids["watchdog"] != before

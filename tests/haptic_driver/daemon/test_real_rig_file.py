@@ -1,0 +1,126 @@
+"""From a file that names real resources: the daemon's command on what `haptic simulate` serves, in processes apart."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.client import HapticClient
+from haptic_driver.daemon.records import DaemonState
+from hw.stage import Lts150, StageSettings
+from hw.transport.resource import make_transport
+
+HANG_S = 120.0
+RESTING = 1.0  # well above what a finger that has not slid yet is trusted to feel
+SIMULATED = Path(__file__).parents[3] / "configs" / "rigs" / "simulated.toml"
+REST = """
+[interlock]
+kind = "box"
+resource = "{interlock}"
+[watchdog]
+generator = "{waveform_generator}"
+interlock = "{interlock_tcp}"
+give_up_s = 2.0
+[force_sensor]
+kind = "net_ft"
+host = "127.0.0.1"
+port = {port}
+counts_per_n = 1e6
+counts_per_n_m = 1e6
+normal_axis = "-z"
+lateral_axis = "x"
+[finger_tracker]
+kind = "recorded"
+file = "slide.csv"
+"""
+
+
+@pytest.fixture
+def simulated():
+    """`haptic simulate`, and where its instruments are."""
+    command = [sys.executable, "-c", "from haptic_driver.cli.main import run; run()", "simulate", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        yield process, json.loads(process.stdout.readline())["endpoints"]
+        process.kill()
+
+
+@pytest.fixture
+def rig_file(simulated, tmp_path):
+    _, endpoints = simulated
+    text = SIMULATED.read_text(encoding="utf-8").replace("simulated = true", "simulated = false")
+    text = text.replace('resource = "simulated"', f'resource = "{endpoints["waveform_generator"]}"')
+    text += REST.format(port=endpoints["force_sensor"].split(":")[1], **endpoints)
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    rows = "".join(f"{0.1 * i:.1f},{1e-6 * i:.6f},0.5\n" for i in range(6000))
+    (tmp_path / "slide.csv").write_text("time_s,position_m,normal_force_n\n" + rows, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def daemon(rig_file, tmp_path):
+    place = tmp_path / "daemon.sock"
+    command = [sys.executable, "-m", "haptic_driver.daemon", "--rig", str(rig_file), "--socket", str(place)]
+    with subprocess.Popen([*command, "--allow-no-rt"], stderr=subprocess.PIPE, text=True) as process:
+        for line in process.stderr:
+            if "ready at" in line:
+                break
+        else:
+            pytest.fail("it ended")
+        yield process, place
+        process.kill()
+
+
+def asked(endpoint, *lines):
+    """What the generator says to somebody else."""
+    _, host, port, _ = endpoint.split("::")
+    with socket.create_connection((host, int(port)), HANG_S) as connection, connection.makefile("rwb") as stream:
+        answers = []
+        for line in lines:
+            stream.write(line + b"\n")
+            stream.flush()
+            answers.append(float(stream.readline()))
+        return answers
+
+
+def until(condition):
+    until_s = time.monotonic() + HANG_S
+    while not condition():
+        assert time.monotonic() < until_s
+        time.sleep(0.05)
+
+
+@pytest.mark.timeout(600)
+def test_a_file_is_all_that_a_real_rig_needs(simulated, daemon):
+    instruments, endpoints = simulated
+    process, place = daemon
+    stage = Lts150(make_transport(endpoints["stage"]), StageSettings(0.0, 0.15, 0.02, 0.02, 0.05, 0.05))
+    stage.connect()
+    stage.home()  # the finger presses once it moves
+    stage.close()
+    with HapticClient(place) as client:
+        assert client.status().simulated is False
+        with client.armed() as session:
+            session.set(RESTING)
+            until(lambda: client.status().output_on)
+            until(lambda: asked(endpoints["waveform_generator"], b"VOLT?")[0] > 0.4)  # Vpp; 20 V at the electrode
+            assert asked(endpoints["waveform_generator"], b"OUTP?") == [1.0]
+        assert client.status().output_on is False
+        assert asked(endpoints["waveform_generator"], b"OUTP?") == [0.0]
+        client.set(client.arm(60.0).token, RESTING)
+        until(lambda: client.status().output_on)
+        os.kill(instruments.pid, signal.SIGKILL)
+        until(lambda: client.status().state is DaemonState.FAULT)
+        assert client.status().output_on is None
+    process.send_signal(signal.SIGTERM)
+    said = process.stderr.read()
+    assert process.wait(HANG_S) == 1
+    assert "the output is UNKNOWN" in said
