@@ -33,14 +33,14 @@ from haptic_driver.render.surface import invert
 from haptic_driver.surface_builder import SurfaceAxes, SurfaceBuilder
 from haptic_driver.surface_file import Array, SurfaceFile, ready_for_lookup
 from model.description import ModelDescription
-from model.diagnosis.space import NUISANCES
+from model.diagnosis.space import FINGER
 from model.errors import nearest
 from model.parameters import SPECIFICATION
 from model.touch_model import Conditions, TouchModel
 
 MOST_TASKS = 1_000_000
 MOST_STD = 2.5  # a drawn finger lies no further out, so that none is impossible
-BETWEEN_FINGERS = {n.name: n.log_std for n in NUISANCES if n.name != "cof_off"}
+BETWEEN_FINGERS = {n.name: n.log_std for n in FINGER if n.name != "cof_off"}
 TASKS, TABLE, SURFACES = "tasks.jsonl", "fingers.csv", "surfaces"
 NUMBERS = ("cof", "electrostatic_force_n", "current_rms_a", "reachable_low", "reachable_high", "share_pulled_in")
 PERCENTILES = (5, 25, 50, 75, 95)

@@ -20,16 +20,16 @@ from model.diagnosis.data import Array, Measurements
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.model_file import dielectric_entry, model_text, program
 from model.diagnosis.noise import Noise, noise_of
-from model.diagnosis.space import NUISANCES, Nuisance, Predictor
-from model.effects import Effect
+from model.diagnosis.space import FINGER, GAP_OFFSET, Nuisance, Predictor
 from model.errors import ModelError, nearest
-from model.parameters import SPECIFICATION, Parameter, TouchParameters
+from model.parameters import SPECIFICATION, Parameter
 
 OPTIONAL = (  # known of a screen or hidden behind the others, so fitted only where asked for; spreads judged
     Nuisance("contact_area_m2", 0.10),
     Nuisance("skin_modulus_pa", 0.30),
     Nuisance("insulator_thickness_m", 0.10),
     Nuisance("insulator_permittivity", 0.03),
+    GAP_OFFSET,
 )
 LEAST_ROWS = 8
 STARTS = (0.0, 1.5, -1.5)  # prior units, of all parameters but friction without voltage
@@ -82,30 +82,12 @@ class Calibration:
         return self.fit.chi2 / max(self.data.count - len(self.parameters), 1)
 
 
-class FingerPredictor(Predictor):
-    """The model on one data set's conditions, for a choice of parameters of the finger."""
-
-    def __init__(self, description: ModelDescription, data: Measurements, free: Sequence[Nuisance]) -> None:
-        super().__init__(description, data)
-        self.free = tuple(free)
-
-    def decode(self, kinds: Sequence[type[Effect]], vectors: Array) -> tuple[TouchParameters, list[Effect]]:
-        """See `Predictor`; there are no effects to fit."""
-        assert not kinds
-        columns = np.asarray(vectors, dtype=np.float64).T[:, :, None]
-        values = self.description.values
-        changed = {
-            n.name: getattr(values, n.name) * np.exp(n.log_factor(x)) for n, x in zip(self.free, columns, strict=True)
-        }
-        return replace(values, **changed), []
-
-
 def calibrate(description: ModelDescription, data: Measurements, also: Sequence[str] = ()) -> Calibration:
     """Fit the finger's parameters, and those of `also` (names of `OPTIONAL`), to its data.
 
     The priors are centred on the model's own values. ModelError where the data cannot carry a fit.
     """
-    free = (*NUISANCES, *(_optional(name) for name in also))
+    free = (*FINGER, *(_optional(name) for name in also))
     noise = noise_of(data)
     if data.count < LEAST_ROWS or not data.driven.any():
         raise ModelError(
@@ -114,7 +96,7 @@ def calibrate(description: ModelDescription, data: Measurements, also: Sequence[
         )
     if noise is None:
         raise ModelError("the noise of the data is not known", "Give a column cof_std, or measure settings repeatedly")
-    problem = Problem(FingerPredictor(description, data, free), np.log(data.columns["cof"]), noise)
+    problem = Problem(Predictor(description, data, free), np.log(data.columns["cof"]), noise)
     starts = [np.array([0.0 if n.name == "cof_off" else x for n in free]) for x in STARTS]
     fit = max((problem.fit([], start) for start in starts), key=lambda found: found.log_evidence)
     parameters = tuple(_fitted(description, n, fit, i) for i, n in enumerate(free))
@@ -137,7 +119,7 @@ def _optional(name: str) -> Nuisance:
         if known.name == name:
             return known
     names = [n.name for n in OPTIONAL]
-    if name in (n.name for n in NUISANCES):
+    if name in (n.name for n in FINGER):
         raise ModelError(f"parameter '{name}' is fitted in any case", f"Choose among {', '.join(names)}")
     raise ModelError(f"parameter '{name}' cannot be calibrated", nearest(name, names))
 
@@ -147,7 +129,7 @@ def _fitted(description: ModelDescription, nuisance: Nuisance, fit: Fit, i: int)
     std = float(np.sqrt(fit.covariance[i, i]))
 
     def at(x: float) -> float:
-        value = before.value * np.exp(nuisance.log_factor(np.asarray(x)))
+        value = nuisance.value(before.value, np.asarray(x))
         return float(np.clip(value, specification["low"], specification["high"]))
 
     half_68, half_95 = INTERVALS.values()
@@ -207,7 +189,7 @@ def _model(
     """
     source = f"calibrated, data sha256 {data.content_hash[:16]}"
     fitted = {
-        p.name: Parameter(p.value, p.unit, source, p.value * n.log_slope(float(x)) * p.learnt)
+        p.name: Parameter(p.value, p.unit, source, n.slope(description.parameters[p.name].value, float(x)) * p.learnt)
         for p, n, x in zip(parameters, free, fit.vector, strict=True)
     }
     return replace(

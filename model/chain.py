@@ -45,7 +45,7 @@ def prepare(
     if np.any(drive.voltage_offset_v != 0.0):
         steady = (drive.offset_mean_square_v2, drive.voltage_offset_v**2, 1.0)
         branches.append((branch(parameters, dielectric, np.zeros(1)), steady))
-    contact, friction = Contact(), Friction()
+    contact, friction = Contact(gap_shift_m=parameters.gap_offset_m), Friction()
     for effect in effects:
         branches = [(effect.stack(b, parameters, drive), squares) for b, squares in branches]
         contact = effect.contact(contact, parameters, drive)

@@ -110,10 +110,12 @@ def _read_parameters(table: Any, path: Path) -> dict[str, Parameter]:
     if not isinstance(table, dict):
         raise ModelError(f"{where}: is not a table", "Compare with configs/models/reference.toml")
     _check_keys(table, list(SPECIFICATION), where)
-    missing = [name for name in SPECIFICATION if name not in table]
+    missing = [name for name, spec in SPECIFICATION.items() if name not in table and spec.get("default") is None]
     if missing:
         raise ModelError(f"{where}: {missing[0]} is missing", f"Give {SPECIFICATION[missing[0]]['about']}")
-    read = {name: _read_parameter(name, table[name], where) for name in SPECIFICATION}
+    read = {
+        name: _read_parameter(name, table.get(name, spec["default"]), where) for name, spec in SPECIFICATION.items()
+    }
     low, high = read["roll_off_wavenumber_per_m"].value, read["cut_off_wavenumber_per_m"].value
     if high < 2.0 * low:
         raise ModelError(

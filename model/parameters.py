@@ -6,15 +6,16 @@ sets at once they are arrays that broadcast against the conditions.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, Literal
 
 FrictionLaw = Literal["applied_load", "total_load"]
 FRICTION_LAWS: tuple[FrictionLaw, ...] = ("applied_load", "total_load")
 
 
-def _parameter(unit: str, low: float, high: float, about: str) -> Any:
-    return field(metadata={"unit": unit, "low": low, "high": high, "about": about})
+def _parameter(unit: str, low: float, high: float, about: str, default: Any = MISSING) -> Any:
+    known = None if default is MISSING else default
+    return field(default=default, metadata={"unit": unit, "low": low, "high": high, "about": about, "default": known})
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class TouchParameters:
     contact_area_m2: float = _parameter("m^2", 1e-6, 1e-2, "A_0, apparent area of contact")
     leak_scale: float = _parameter("1", 0.0, 1e6, "factor on the skin-limited contact conductance alpha")
     cof_off: float = _parameter("1", 0.01, 5.0, "mu_off, coefficient of friction without voltage")
+    gap_offset_m: float = _parameter("m", 0.0, 1e-4, "what holds the skin off the screen everywhere, e.g. a film", 0.0)
 
     @property
     def effective_modulus_pa(self) -> float:

@@ -1,7 +1,7 @@
 """How far a model's answers may be off: its numbers' own uncertainty and the contact theory's, carried to friction.
 
 Every number of a model file that has a `std` is uncertain by it; where the file is silent, the finger's own numbers
-are uncertain by the spread between fingers (`NUISANCES` of the diagnosis). The numbers are taken as independent of one
+are uncertain by the spread between fingers (`FINGER` of the diagnosis). The numbers are taken as independent of one
 another, log-normal where they are positive by nature. Those that shape the roughness (Hurst exponent, wavenumbers,
 gamma) are held.
 """
@@ -18,7 +18,7 @@ from scipy.stats import qmc
 
 from model.chain import prepare
 from model.description import ModelDescription
-from model.diagnosis.space import NUISANCES
+from model.diagnosis.space import FINGER
 from model.dielectrics import Array, ComplexArray, Dielectric
 from model.effects import BY_NAME
 from model.errors import ModelError
@@ -87,7 +87,7 @@ class Uncertain:
 
 def uncertain_numbers(description: ModelDescription) -> tuple[Uncertain, ...]:
     """Every number of the model that is uncertain, the finger and the screen first, then skin data and effects."""
-    between_fingers = {n.name: n.log_std for n in NUISANCES if n.name != "cof_off"}
+    between_fingers = {n.name: n.log_std for n in FINGER if n.name != "cof_off"}
     found = []
     for name, p in description.parameters.items():
         std = p.std if p.std is not None else p.value * between_fingers.get(name, 0.0)

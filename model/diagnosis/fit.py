@@ -17,7 +17,9 @@ from model.effects import Effect
 
 STEP = 1e-4  # of finite differences, in prior standard deviations
 ITERATIONS = 40
-TOLERANCE = 1e-5
+TOLERANCE = 1e-3  # nats
+FIRST_ITERATIONS = 5  # of every start, before the best go on
+STARTS_KEPT = 2
 BAD = 1e3  # stands for a residual that the model cannot give, in standard deviations
 
 
@@ -65,7 +67,7 @@ class Problem:
         all_residuals = self.whitened(kinds, vectors)
         return all_residuals[0], -(all_residuals[1:] - all_residuals[0]).T / STEP
 
-    def fit(self, kinds: Sequence[type[Effect]], start: Array) -> Fit:
+    def fit(self, kinds: Sequence[type[Effect]], start: Array, iterations: int = ITERATIONS) -> Fit:
         """Damped Gauss-Newton from one start."""
         nu, n = self.noise.degrees, self.log_cof.size
         vector = np.clip(start, -FARTHEST, FARTHEST)
@@ -73,7 +75,7 @@ class Problem:
         chi2 = float(residual @ residual)
         cost = float(self.cost(chi2, vector))
         damping = 1e-3
-        for _ in range(ITERATIONS):
+        for _ in range(iterations):
             weight = (n + nu) / (nu + chi2)
             normal = weight * jacobian.T @ jacobian + np.eye(vector.size)
             gradient = weight * jacobian.T @ residual - vector
@@ -110,13 +112,14 @@ class Problem:
 
     def best_fit(self, kinds: Sequence[type[Effect]], base: Array, starts: Sequence[float]) -> Fit:
         """The best of several starts: from `base`, the last effect's first parameter at each of `starts`."""
-        k = size(kinds)
-        fits = []
-        first = k - len(kinds[-1].parameters()) if kinds else k
-        for value in starts if kinds else (0.0,):
-            start = np.zeros(k)
-            start[: base.size] = base[:k]
-            if kinds:
-                start[first] = value
-            fits.append(self.fit(kinds, start))
-        return max(fits, key=lambda fit: fit.log_evidence)
+        start = np.zeros(size(kinds))
+        start[: base.size] = base[: start.size]
+        if not kinds:
+            return self.fit(kinds, start)
+        first = start.size - len(kinds[-1].parameters())
+        begun = []
+        for value in starts:
+            start[first] = value
+            begun.append(self.fit(kinds, start, FIRST_ITERATIONS))
+        begun.sort(key=lambda fit: -fit.log_evidence)
+        return max((self.fit(kinds, fit.vector) for fit in begun[:STARTS_KEPT]), key=lambda fit: fit.log_evidence)

@@ -40,9 +40,10 @@ def fitted_nuisances(description: ModelDescription, fit: Fit, source: str = "") 
     found = {}
     for i, nuisance in enumerate(NUISANCES):
         before, specification = description.parameters[nuisance.name], SPECIFICATION[nuisance.name]
-        exact = before.value * np.exp(nuisance.log_factor(fit.vector[i]))
+        x = float(fit.vector[i])
+        exact = nuisance.value(before.value, np.asarray(x))
         value = float(np.clip(exact, specification["low"], specification["high"]))
-        std = value * nuisance.log_slope(float(fit.vector[i])) * float(np.sqrt(fit.covariance[i, i]))
+        std = nuisance.slope(before.value, x) * float(np.sqrt(fit.covariance[i, i]))
         found[nuisance.name] = Parameter(value, before.unit, source, std)
     return found
 

@@ -11,6 +11,7 @@ import numpy as np
 from model.diagnosis.data import Array, Measurements
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.rival import Evidence, evidence
+from model.diagnosis.space import NUISANCES
 from model.effects import CATALOGUE, Effect
 
 PRIOR_NONE, PRIOR_UNKNOWN = 0.5, 0.1
@@ -71,6 +72,6 @@ def imitation(problem: Problem, true: Fit, rival: Candidate) -> float:
     noiseless = Problem(problem.predictor, prediction, problem.noise)
     fits = [noiseless.fit(rival.kinds, rival.fit.vector)]
     start = np.zeros(rival.fit.vector.size)
-    start[: min(4, start.size)] = true.vector[: min(4, start.size)]
+    start[: len(NUISANCES)] = true.vector[: len(NUISANCES)]
     fits.append(noiseless.fit(rival.kinds, start))
     return min(float(f.residual @ f.residual + 0.0) for f in fits)

@@ -14,7 +14,7 @@ from model.diagnosis.fit import Problem
 from model.diagnosis.naming import Candidate
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.rival import evidence
-from model.diagnosis.space import Predictor
+from model.diagnosis.space import NUISANCES, Predictor
 from model.effects import Effect
 
 FEWEST_SESSIONS = 3
@@ -75,7 +75,7 @@ def prove(
             continue
         problem = Problem(Predictor(description, inside), np.log(inside.columns["cof"]), inner_noise)
         fits = [problem.fit(c.kinds, c.fit.vector) for c in contenders]
-        base = problem.fit((), chosen.fit.vector[:4])
+        base = problem.fit((), chosen.fit.vector[: len(NUISANCES)])
         scores = [evidence(f, inner_noise).log_evidence - 3.0 * len(f.kinds) for f in fits]
         selected = fits[int(np.argmax(scores))]
         outer = Predictor(description, outside)

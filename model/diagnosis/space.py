@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import cosh, log, sinh
+from typing import Any
 
 import numpy as np
 
@@ -32,28 +33,38 @@ class Nuisance:
 
     name: str
     log_std: float
-    tail: float = 0.45
-    farthest: float = 4.0  # prior units; six and a half log_std with this tail
+    tail: float = 0.2
+    farthest: float = 6.0  # prior units; seven and a half log_std with this tail
+    added: float | None = None  # median of what is added to the model's own value, for what is zero there
 
     def log_factor(self, x: Array) -> Array:
         """Log of the factor on the model's own value, at `x` in prior units."""
         return np.asarray(self.log_std / self.tail * np.sinh(self.tail * np.clip(x, -self.farthest, self.farthest)))
 
-    def log_slope(self, x: float) -> float:
-        """Derivative of `log_factor`: turns a standard deviation in prior units into one of the logarithm."""
-        return self.log_std * cosh(self.tail * x)
+    def value(self, own: float, x: Array) -> Array:
+        """The parameter at `x` in prior units, around the model's `own`."""
+        factor = np.exp(self.log_factor(x))
+        return np.asarray(own * factor if self.added is None else own + self.added * factor)
+
+    def slope(self, own: float, x: float) -> float:
+        """Derivative of `value`: turns a standard deviation in prior units into one of the parameter."""
+        varies = own if self.added is None else self.added
+        return float(varies * np.exp(self.log_factor(np.asarray(x)))) * self.log_std * cosh(self.tail * x)
 
     def in_std(self, x: float) -> float:
         """`x` as a number of log_std."""
         return sinh(self.tail * x) / self.tail
 
 
-NUISANCES = (
-    Nuisance("cof_off", 0.6, tail=0.01, farthest=6.0),  # decided by the rows without voltage
+FINGER = (
+    Nuisance("cof_off", 0.6, tail=0.01),  # decided by the rows without voltage
     Nuisance("roughness_rms_m", 0.10),
     Nuisance("skin_thickness_m", 0.20),
     Nuisance("leak_scale", log(1.5)),
 )
+# Dust, sebum or a protective film of some 10 nm is no effect worth a name, and 0.3 um changes force as much as one.
+GAP_OFFSET = Nuisance("gap_offset_m", 2.0, tail=0.01, added=3e-9)
+NUISANCES = (*FINGER, GAP_OFFSET)
 
 
 class Predictor:
@@ -63,10 +74,11 @@ class Predictor:
     where the data set says so.
     """
 
-    def __init__(self, description: ModelDescription, data: Measurements) -> None:
+    def __init__(self, description: ModelDescription, data: Measurements, free: Sequence[Nuisance] = NUISANCES) -> None:
         if description.is_published:
             raise ModelError("the equations as printed cannot be fitted to data", "Use a model of variant 'corrected'")
         self.description = description
+        self.free = tuple(free)
         self._on = data.effects_on
         self._table = TouchModel(description).table
         drive = data.conditions().drive()
@@ -98,8 +110,10 @@ class Predictor:
         """Parameters and effects as columns [m, 1]."""
         columns = np.asarray(vectors, dtype=np.float64).T[:, :, None]
         values = self.description.values
-        changed = {n.name: getattr(values, n.name) * np.exp(n.log_factor(columns[i])) for i, n in enumerate(NUISANCES)}
-        position = len(NUISANCES)
+        changed: dict[str, Any] = {
+            n.name: n.value(getattr(values, n.name), columns[i]) for i, n in enumerate(self.free)
+        }
+        position = len(self.free)
         effects = []
         for kind in kinds:
             known = kind.parameters()

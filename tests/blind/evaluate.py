@@ -10,6 +10,7 @@ import argparse
 import json
 import math
 import os
+import random
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -79,25 +80,59 @@ def wilson(hits: int, count: int) -> str:
     return f"{100 * p:.0f} ({100 * max(centre - half, 0):.0f}..{100 * min(centre + half, 1):.0f}), {hits}/{count}"
 
 
-def calibration_error(answers: dict[str, Answer], labels: dict[str, Any]) -> float:
-    """Expected calibration error of the most probable answer, ten bins; strangers are right as `unknown`."""
-    bins: dict[int, list[tuple[float, float]]] = {}
+def cannot_be_found(label: dict[str, Any], columns: tuple[str, ...]) -> bool:
+    """Whether one hidden effect leaves no trace in the file's columns, or nothing there says how noisy it is.
+
+    Judged by the label and the file's header alone: what the workflow answers has no part in it.
+    """
+    from model.effects import BY_NAME
+
+    noise = {"cof_std", "trial"} & set(columns)
+    return not noise or not set(BY_NAME[label["effects"][0]["name"]].needs) <= set(columns)
+
+
+def reliability(answers: dict[str, Answer], labels: dict[str, Any]) -> list[tuple[float, float]]:
+    """Probability of the most probable answer, and whether it was right (1.0 or 0.0), of every set with one truth.
+
+    Strangers are right as `unknown`.
+    """
+    pairs = []
     for name, got in answers.items():
         effects = labels[name]["effects"]
         if len(effects) > 1 or got.verdict in ("error", "not_testable"):
             continue
         truth = "none" if not effects else "unknown" if effects[0]["stranger"] else effects[0]["name"]
-        bins.setdefault(min(int(got.probability * 10), 9), []).append((got.probability, float(got.top == truth)))
-    total = sum(len(b) for b in bins.values())
-    return sum(abs(sum(p for p, _ in b) - sum(h for _, h in b)) for b in bins.values()) / max(total, 1)
+        pairs.append((got.probability, float(got.top == truth)))
+    return pairs
 
 
-def table(answers: dict[str, Answer], labels: dict[str, Any]) -> str:
-    """Everything as Markdown."""
+def calibration_error(pairs: list[tuple[float, float]]) -> float:
+    """Expected calibration error, ten bins."""
+    return sum(abs(sum(p - hit for p, hit in part)) for part in _bins(pairs).values()) / max(len(pairs), 1)
+
+
+def chance_error(pairs: list[tuple[float, float]]) -> tuple[float, float]:
+    """What chance alone gives so many perfectly calibrated answers: mean and 95 % limit of their calibration error."""
+    chance = random.Random(0)
+    errors = sorted(calibration_error([(p, float(chance.random() < p)) for p, _ in pairs]) for _ in range(1000))
+    return sum(errors) / len(errors), errors[950]
+
+
+def _bins(pairs: list[tuple[float, float]]) -> dict[int, list[tuple[float, float]]]:
+    bins: dict[int, list[tuple[float, float]]] = {}
+    for p, hit in pairs:
+        bins.setdefault(min(int(p * 10), 9), []).append((p, hit))
+    return dict(sorted(bins.items()))
+
+
+def table(answers: dict[str, Answer], labels: dict[str, Any], columns: dict[str, tuple[str, ...]]) -> str:
+    """Everything as Markdown; `columns` are the headers of the files."""
     rows = [(labels[name], got) for name, got in answers.items()]
     null = [got for label, got in rows if not label["effects"]]
     strange = [(label, got) for label, got in rows if any(e["stranger"] for e in label["effects"])]
-    single = [(label, got) for label, got in rows if len(label["effects"]) == 1 and not label["effects"][0]["stranger"]]
+    one = {n for n in answers if len(labels[n]["effects"]) == 1 and not labels[n]["effects"][0]["stranger"]}
+    hopeless = {n for n in one if cannot_be_found(labels[n], columns[n])}
+    single = [(labels[n], answers[n]) for n in sorted(one - hopeless)]
     double = [(label, got) for label, got in rows if len(label["effects"]) > 1]
     lines = [
         f"{len(rows)} sets; every rate in percent with its 95 % Wilson interval and counts.",
@@ -128,6 +163,11 @@ def table(answers: dict[str, Answer], labels: dict[str, Any]) -> str:
             f"| {low}..{high} | {wilson(right, n)} | {wilson(named, n)} | {wilson(wrong, n)} | "
             f"{wilson(sum(g.aicc == t for t, g in part), n)} | {wilson(sum(g.chi2 == t for t, g in part), n)} |"
         )
+    lines += [
+        "",
+        f"Not counted above: {len(hopeless)} sets whose columns hold no trace of the hidden effect or no noise.",
+    ]
+    lines.append(_verdicts("They are called", [answers[n] for n in sorted(hopeless)]))
     lines += ["", "## Outside the catalogue, by what the catalogue leaves unexplained", ""]
     lines += ["| lambda_left | `unexplained` | named (`effect_found`) | AICc names something |", "|---|---|---|---|"]
     for low, high in ((0, 25), (25, 100), (100, math.inf)):
@@ -150,14 +190,9 @@ def table(answers: dict[str, Answer], labels: dict[str, Any]) -> str:
         lines.append(f"| only wrong names | {wilson(wrong, len(double))} |")
     lines += ["", "## By family", "", "| family | sets | verdicts |", "|---|---|---|"]
     for family in sorted({l_["family"] for l_, _ in rows}):
-        got = [g.verdict for l_, g in rows if l_["family"] == family]
-        counts = ", ".join(f"{v} {got.count(v)}" for v in sorted(set(got)))
-        lines.append(f"| {family} | {len(got)} | {counts} |")
-    lines += [
-        "",
-        f"Expected calibration error of the most probable answer: {calibration_error(answers, labels):.3f}",
-        "",
-    ]
+        part = [g for l_, g in rows if l_["family"] == family]
+        lines.append(f"| {family} | {len(part)} | {_verdicts('', part)} |")
+    lines += _calibration_lines(reliability(answers, labels))
     misnamed = [
         f"- {name}: hidden {[e['name'] for e in labels[name]['effects']] or 'nothing'}, named {list(got.names)}"
         for name, got in answers.items()
@@ -168,12 +203,43 @@ def table(answers: dict[str, Answer], labels: dict[str, Any]) -> str:
     return "\n".join(lines + (["## Errors", "", *errors, ""] if errors else []))
 
 
+def _verdicts(before: str, part: list[Answer]) -> str:
+    got = [g.verdict for g in part]
+    return f"{before} {', '.join(f'{v} {got.count(v)}' for v in sorted(set(got))) or '-'}".strip()
+
+
+def _calibration_lines(pairs: list[tuple[float, float]]) -> list[str]:
+    mean, limit = chance_error(pairs)
+    lines = [
+        "",
+        "## Probability of the most probable answer",
+        "",
+        "| stated | sets | mean stated | right |",
+        "|---|---|---|---|",
+    ]
+    for i, part in _bins(pairs).items():
+        stated, hits = (sum(column) for column in zip(*part, strict=True))
+        right = wilson(int(hits), len(part))
+        lines.append(f"| {i / 10:.1f}..{(i + 1) / 10:.1f} | {len(part)} | {stated / len(part):.2f} | {right} |")
+    lines += [
+        "",
+        f"Expected calibration error: {calibration_error(pairs):.3f}; perfectly calibrated answers to as many sets",
+    ]
+    lines += [f"would show {mean:.3f} on average and {limit:.3f} in one case of twenty, by chance alone.", ""]
+    return lines
+
+
 def run(sets: Path, workers: int) -> dict[str, Answer]:
     """Diagnose every set; labels stay closed."""
     files = sorted((sets / "sets").glob("*.csv"))
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # read when numpy is imported, hence in fresh processes
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         return dict(zip((f.name for f in files), pool.map(answer, map(str, files)), strict=True))
+
+
+def _header(path: Path) -> tuple[str, ...]:
+    with path.open() as lines:
+        return tuple(next(lines).strip().split(","))
 
 
 def main() -> None:
@@ -183,7 +249,8 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
     answers = run(given.sets, given.workers)
-    text = table(answers, json.loads((given.sets / "labels.json").read_text()))
+    headers = {name: _header(given.sets / "sets" / name) for name in answers}
+    text = table(answers, json.loads((given.sets / "labels.json").read_text()), headers)
     if given.out:
         given.out.write_text("# Diagnosis on blind data, as measured\n\n" + text)
     print(text)
