@@ -22,14 +22,15 @@ ENVELOPE_RATE_HZ = 50e3  # at most; slower outputs play at their own limit
 class Actuator(ABC):
     """One way to the electrode, between a rig's `connect` and `close`.
 
-    `name` is what `haptic status` says. `command` and `play` are for one thread each, `off` for any. All but `off`
-    raise HapticError, after switching off.
+    `name` is what `haptic status` says; `underruns` counts gaps, at zero, in what `play` brings out. `command` and
+    `play` are for one thread each, `off` for any. All but `off` raise HapticError, after switching off.
     """
 
     name: str
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
+        self.underruns = 0
 
     @abstractmethod
     def command(self, time_s: float, command: DriveCommand) -> None:
@@ -72,7 +73,6 @@ class EnvelopeActuator(Actuator):
         sample_rate_hz: float, lead_s: float,
     ) -> None:  # fmt: skip
         super().__init__(rig)
-        self.underruns = 0
         self._output = output
         self._modulation = modulation
         self._full_scale_v = full_scale_v

@@ -142,7 +142,8 @@ def show_status(status: Status) -> None:
     asked = status.texture or ("nothing" if status.target_cof is None else f"friction {status.target_cof:.3g}")
     stdout.print(f"  asked {asked}; measured {number(status.measured_cof, '.3f')}")
     stdout.print(f"  {number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak")
-    stdout.print(f"  {status.ticks} ticks, {status.overruns} overruns; flags: {', '.join(status.flags) or 'none'}")
+    missed = f"{status.overruns} overruns, {status.underruns} underruns"
+    stdout.print(f"  {status.ticks} ticks, {missed}; flags: {', '.join(status.flags) or 'none'}")
     if status.fault is not None:
         stdout.print("  [bold red]fault:[/] ", end="")
         stdout.print(status.fault, markup=False)

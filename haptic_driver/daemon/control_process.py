@@ -42,6 +42,7 @@ SWITCH_INTERVAL_S = 5e-4  # a busy thread of the API keeps the pump waiting for 
 WATCH_PERIOD_S = 0.02
 TAKE_OVER_S = 0.5  # render takes up a target within a tick; a stalled one never
 MEASURED_SAMPLES = 100
+UNDERRUN_TOLD_S = 1.0  # at most so often: a machine that is too slow makes many
 DRIFT = 0.2  # a change of the finger's gain, relative, that is worth an event
 
 
@@ -64,9 +65,12 @@ class Daemon:
         self._target_name: str | None = None
         self._marked_s = -math.inf  # up to when markers of the script were told
         self._told_gain = 1.0  # of the finger
+        self._told_underruns, self._told_underrun_s = 0, -math.inf
         self._recorder: Recorder | None = None
         self._events = EventLog(self._record_event)
-        self._pump = OutputPump(self.shared.output, settings.config.output.setpoint_interval_s, self._fail, clock)
+        self._pump = OutputPump(
+            self.shared.output, self.shared.driven, settings.config.output.setpoint_interval_s, self._fail, clock
+        )
         self._supervisor = Supervisor(
             settings, self.shared, self._pump,
             failed=self._fail, tell=self._events.tell, rig_says=self._rig_says, clock=clock,
@@ -156,6 +160,7 @@ class Daemon:
                     self._order_now()
                 self._watch_lease(now_s)
                 self._watch_render(now_s)
+                self._watch_underruns(now_s)
                 self._watch_script(now_s)
                 self._watch_drift()
                 self._watch_recorder()
@@ -185,6 +190,14 @@ class Daemon:
             self._fail(f"render missed {self.settings.render.most_missed} ticks in a row")
         if rendering and now_s - output.time_s > OUTPUT_STALE_S:
             self._fail(f"render has said nothing for {now_s - output.time_s:.2g} s")
+
+    def _watch_underruns(self, now_s: float) -> None:
+        underruns = self._pump.underruns
+        if underruns > self._told_underruns and now_s - self._told_underrun_s >= UNDERRUN_TOLD_S:
+            self._told_underruns, self._told_underrun_s = underruns, now_s
+            with self._lock:
+                self._flags |= Flag.UNDERRUN
+            self._events.tell("flag", "underrun", underruns=underruns)
 
     def _watch_script(self, now_s: float) -> None:
         """Markers of a script, when they pass."""
@@ -227,6 +240,7 @@ class Daemon:
                 output_on=self._pump.output_on,
                 ticks=output.tick,
                 overruns=output.overruns,
+                underruns=self._pump.underruns,
                 flags=flags.names(),
                 fault=machine.fault_reason,
                 lease_left_s=max(left_s, 0.0) if machine.armed else None,

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from haptic_driver.actuator import Actuator
 from haptic_driver.daemon.real_time import Metronome
-from haptic_driver.daemon.shared_state import Output, Slot
+from haptic_driver.daemon.shared_state import Driven, Output, Slot
 from haptic_driver.errors import HapticError
 from haptic_driver.rig import RigState
 from haptic_driver.signals import DriveCommand
@@ -18,28 +18,38 @@ PUMP_PERIOD_S = 0.001
 PUMP_TIMEOUT_S = 5.0  # more than all timeouts of the devices together
 OUTPUT_STALE_S = 0.2  # what render said so long ago is not brought out any more
 LINGER_S = 10.0  # an envelope's carrier is on so long without voltage: to bring it back takes a tenth of a second
+START_S = 0.15  # how long an output takes to come up: a 33220A sets up a modulation in 0.11 s (unverified)
 OFF = DriveCommand(0.0, 0.0, False)
 
 
 class OutputPump:
     """Brings out what render decides for orders from `open` on, and nothing while the gate is closed.
 
+    Tells render in `driven` since when the output is up, or last had a gap.
     `run` is for one thread, `play`, for what must not wait for the other, for a second one. `actuator` may be
     exchanged; None while there is none. `failed` is told what a device could not do, after the output has been switched
-    off for it.
+    off for it. `underruns` counts gaps in what all actuators have played.
     """
 
     def __init__(
-        self, output: Slot[Output], interval_s: float, failed: Callable[[str], object], clock: Callable[[], float]
-    ) -> None:
+        self, output: Slot[Output], driven: Slot[Driven], interval_s: float, failed: Callable[[str], object],
+        clock: Callable[[], float],
+    ) -> None:  # fmt: skip
         self.actuator: Actuator | None = None
+        self.underruns = 0
         self._output = output
+        self._driven = driven
         self._interval_s = interval_s
         self._failed = failed
         self._clock = clock
         self._gate: int | None = None  # the first order whose output may go out; None: none may
         self._pumping = threading.RLock()  # held while a command goes out
         self._shown_on: bool | None = None  # what the last switching off has shown
+        self._wanted_s = -math.inf  # when there was last something to bring out
+        self._written_s, self._written = -math.inf, OFF
+        self._up_s = math.inf  # when the output is up; inf while it is off
+        self._dry_s = -math.inf  # when what is played last had a gap
+        self._told: Driven | None = None
 
     @property
     def output_on(self) -> bool | None:
@@ -48,8 +58,10 @@ class OutputPump:
         return {RigState.ON: True, RigState.OFF: False, RigState.TRIPPED: self._shown_on}.get(state)
 
     def open(self, order: int) -> None:
-        """Let out what render decides for this order and later ones."""
-        self._gate = order
+        """Let out what render decides for this order and later ones; what is let out already goes on without a gap."""
+        self._wanted_s = self._clock()
+        if self._gate is None:
+            self._gate = order
 
     def close(self) -> None:
         """Let nothing out any more; what is out is switched off with the next turn at the latest."""
@@ -73,32 +85,49 @@ class OutputPump:
 
     def run(self, ending: threading.Event) -> None:
         """Pump until the end."""
-        written_s, wanted_s, written, gate = -math.inf, -math.inf, OFF, self._gate
         while not ending.is_set():
-            now_s = self._clock()
-            with self._pumping:
-                command = self._command(now_s)
-                if command.voltage_v > 0.0 or self._gate != gate:
-                    wanted_s, gate = now_s, self._gate
-                if now_s - wanted_s > LINGER_S:
-                    command = OFF
-                # Without a change once per interval: it refreshes the rig's lease and goes on with its rise.
-                if command != written or now_s - written_s >= self._interval_s:
-                    written_s, written = now_s, command
-                    self._bring_out(now_s, command)
+            self.turn(self._clock())
             time.sleep(PUMP_PERIOD_S)
+
+    def turn(self, now_s: float) -> None:
+        """One turn of `run`."""
+        with self._pumping:
+            command = self._command(now_s)
+            if command.voltage_v > 0.0:
+                self._wanted_s = now_s
+            if now_s - self._wanted_s > LINGER_S:
+                command = OFF
+            # Without a change once per interval: it refreshes the rig's lease and goes on with its rise.
+            if command != self._written or now_s - self._written_s >= self._interval_s:
+                self._written_s, self._written = now_s, command
+                self._bring_out(now_s, command)
+            if not self.output_on:
+                self._up_s = math.inf
+            driven = Driven(max(self._up_s, self._dry_s))
+            if driven != self._told:
+                self._told = driven
+                self._driven.write(driven)
 
     def play(self, ending: threading.Event) -> None:
         """Play until the end."""
         beat = Metronome(PUMP_PERIOD_S)
         while not ending.is_set():
-            actuator = self.actuator
-            if actuator is not None:
-                try:
-                    actuator.play(self._command(self._clock()))
-                except HapticError as error:
-                    self._failed(error.message)
+            self.play_on(self._clock())
             beat.wait()
+
+    def play_on(self, now_s: float) -> None:
+        """One turn of `play`."""
+        actuator = self.actuator
+        if actuator is None:
+            return
+        underruns = actuator.underruns
+        try:
+            actuator.play(self._command(now_s))
+        except HapticError as error:
+            self._failed(error.message)
+        if actuator.underruns > underruns:
+            self.underruns += 1
+            self._dry_s = now_s
 
     def _command(self, now_s: float) -> DriveCommand:
         """What render wants, if it may go out: on while it renders, at 0 V too, so that an envelope may have zeros."""
@@ -113,7 +142,10 @@ class OutputPump:
             return
         if not command.output_on and actuator.rig.state in (RigState.OFF, RigState.TRIPPED):
             return
+        was_on = self.output_on
         try:
             actuator.command(now_s, command)
         except HapticError as error:
             self._failed(error.message)
+        if self.output_on and not was_on:
+            self._up_s = self._clock() + START_S  # after the dialogue, which takes as long as it likes

@@ -43,6 +43,7 @@ class Status(Record):
     output_on: bool | None
     ticks: int
     overruns: int
+    underruns: int  # gaps, at zero, of an analog envelope
     flags: list[str]
     fault: str | None
     lease_left_s: float | None

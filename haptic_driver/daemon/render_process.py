@@ -22,7 +22,7 @@ from typing import NamedTuple
 from haptic_driver.daemon import real_time
 from haptic_driver.daemon.real_time import Due
 from haptic_driver.daemon.samples import Flag
-from haptic_driver.daemon.shared_state import NO_ORDER, Order, Output, Sensed, SharedState, practice_slot
+from haptic_driver.daemon.shared_state import NO_ORDER, Driven, Order, Output, Sensed, SharedState, practice_slot
 from haptic_driver.render.texture import Target, Uniform
 from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
 from haptic_driver.signals import FingerSample, FingerState
@@ -120,8 +120,8 @@ class Renderer:
 
     def step(self, due: Due) -> Output:
         """One tick: read, decide, write."""
-        order, sensed = self._read()
-        self._kept, done, output = self._decide(due, order, sensed)
+        order, sensed, driven = self._read()
+        self._kept, done, output = self._decide(due, order, sensed, driven)
         self._shared.output.write(output)
         self._shared.ring.write(self._sample(due, sensed, done, output, self._kept))
         return output
@@ -131,8 +131,8 @@ class Renderer:
 
         After a millisecond in which others had them, a tick takes several times as long.
         """
-        order, sensed = self._read()
-        kept, done, output = self._decide(due, order, sensed)
+        order, sensed, driven = self._read()
+        kept, done, output = self._decide(due, order, sensed, driven)
         self._practice.write(output)
         self._shared.ring.put(self._sample(due, sensed, done, output, kept))
 
@@ -141,21 +141,21 @@ class Renderer:
         last = self._shared.output.read()
         self._shared.output.write(last._replace(voltage_v=0.0, output_on=False, flags=last.flags | Flag.FAULT))
 
-    def _read(self) -> tuple[Order, Sensed]:
+    def _read(self) -> tuple[Order, Sensed, Driven]:
         """What control says; a new arming or target is taken up."""
         order = self._shared.order.read()
         if order.arming != self._arming:
             self._forget(order)
         if order.target != self._target:
             self._swap(order.target)
-        return order, self._shared.sensed.read()
+        return order, self._shared.sensed.read(), self._shared.driven.read()
 
     def _swap(self, number: int) -> None:
         self._target = number
         target = self._shared.targets.read(number) if number else Nothing()
         self._tick_settings = replace(self._settings.tick, texture=target)
 
-    def _decide(self, due: Due, order: Order, sensed: Sensed) -> tuple[Kept, Tick, Output]:
+    def _decide(self, due: Due, order: Order, sensed: Sensed, driven: Driven) -> tuple[Kept, Tick, Output]:
         """What to put out; nothing is changed here."""
         kept = self._kept
         overruns = kept.overruns + due.missed
@@ -172,9 +172,10 @@ class Renderer:
         if not order.rendering or flags & _FAULT:
             voltage_v = 0.0
         if voltage_v < wanted_v:  # what was put out is where the next rise begins and what the finger has felt
-            driven = state.drive._replace(voltage_v=voltage_v)
             command = done.command._replace(voltage_v=voltage_v, output_on=voltage_v > 0.0)
-            state = state._replace(drive=driven, command=command)
+            state = state._replace(drive=state.drive._replace(voltage_v=voltage_v), command=command)
+        if voltage_v > 0.0 and due.due_s < driven.since_s:  # on its way: what the finger feels of it teaches nothing
+            state = state._replace(command=state.command._replace(voltage_v=math.nan))
         output = Output(
             order.number, self._target, due.number, self._clock(), done.command.frequency_hz, voltage_v,
             voltage_v > 0.0, overruns, flags, done.target.cof,

@@ -13,6 +13,7 @@ from pathlib import Path
 from haptic_driver.daemon.control_process import SWITCH_INTERVAL_S, Daemon
 from haptic_driver.daemon.outlets import LslOutlet, OscOutlet, Outlet, feeding
 from haptic_driver.daemon.processes import Place, default_socket
+from haptic_driver.daemon.real_time import take_precedence
 from haptic_driver.daemon.server import serve
 from haptic_driver.daemon.service import as_service
 from haptic_driver.daemon.set_up import DaemonSettings, daemon_settings
@@ -43,6 +44,7 @@ def run_daemon(
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, frame: ended.set())
     sys.setswitchinterval(SWITCH_INTERVAL_S)
+    take_precedence()
     place = Place(socket or default_socket())
     try:
         settings = daemon_settings(rig, model, allow_no_rt=allow_no_rt, amplifier_record=amplifier_record)

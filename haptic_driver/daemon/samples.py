@@ -19,6 +19,7 @@ class Flag(IntFlag):
     TRIPPED = 64
     FAULT = 128
     FEEDBACK_LIMIT = 256
+    UNDERRUN = 512
 
     def names(self) -> list[str]:
         """Lower-case names of the flags that are up."""

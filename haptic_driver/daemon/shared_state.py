@@ -77,9 +77,19 @@ class Output(NamedTuple):
     target_cof: float
 
 
+class Driven(NamedTuple):
+    """Since when render's outputs have been reaching the electrode, but for the usual latency; inf while they do not.
+
+    From control's pump to render.
+    """
+
+    since_s: float
+
+
 NOTHING_SENSED = Sensed(-np.inf, np.nan, np.nan, False, -np.inf, 0.0, 0.0, False)
 NO_ORDER = Order(0, 0, False, -np.inf, -np.inf, 0)
 NO_OUTPUT = Output(0, 0, 0, -np.inf, 0.0, 0.0, False, 0, 0, np.nan)
+NOT_DRIVEN = Driven(np.inf)
 
 Values = TypeVar("Values", bound=tuple[Any, ...])
 
@@ -239,6 +249,7 @@ class SharedState:
     sensed: Slot[Sensed]
     order: Slot[Order]
     output: Slot[Output]
+    driven: Slot[Driven]
     ring: Ring
     targets: TargetStore
 
@@ -254,6 +265,7 @@ class SharedState:
         self.sensed = Slot(slots[0], NOTHING_SENSED)
         self.order = Slot(slots[1], NO_ORDER)
         self.output = Slot(slots[2], NO_OUTPUT)
+        self.driven = Slot(slots[3], NOT_DRIVEN)
         self.ring = Ring(memory[_RING_AT:_TARGETS_AT])
         self.targets = TargetStore(memory[_TARGETS_AT:])
 

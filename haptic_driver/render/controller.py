@@ -148,7 +148,7 @@ class Controller:
         """The operating point for `target` under the finger's present load; zero volts where nothing is asked.
 
         A target out of reach gives the nearest reachable friction, flagged. `applied` is the command of the tick
-        before, which feedback compares with what the finger felt.
+        before, which feedback compares with what the finger felt; NaN volts where nobody knows whether it is out.
         """
         known, commands = state.feedback or self._first_feedback
         then = FeedbackState(np.empty(known.shape), np.empty(commands.shape))

@@ -20,7 +20,8 @@ delay does not destabilise: with a latency wrong by e the loop's gain is at most
 below 1 (small gain). `timing_s` within which commands differ slows learning down, to a stop where the output ramps.
 
 Nothing is learnt while the finger is off, rests or has just set out, while force is unknown (NaN: stale, saturated) or
-the same as before, or while the carrier changes. A target out of reach cannot wind anything up, since friction is
+the same as before, while the carrier changes, or while the output comes on and nobody knows what of a command is out
+(its voltage is NaN). A target out of reach cannot wind anything up, since friction is
 compared with what the voltage really commanded should give, not with the target; learning goes on there, or a gain
 believed too small would never be found out.
 """

@@ -519,7 +519,8 @@ def learn(
     """One more sample of the finger, and the command that went out before it: writes `then_known`, `then_commands`.
 
     `law` and `known` are the fields of `FeedbackSettings` and `Estimate` in a row: compiled calls take arrays faster
-    than records. `commands` [3, n]: time, frequency and voltage, newest first.
+    than records. `commands` [3, n]: time, frequency and voltage, newest first; NaN for a voltage
+    that is on its way while the output comes on.
     """
     then_commands[:, 1:] = commands[:, :-1]
     then_commands[0, 0], then_commands[1, 0], then_commands[2, 0] = time_s, applied_hz, applied_v
@@ -662,7 +663,8 @@ def _forgotten(known: Estimate, law: FeedbackSettings, share: float, time_s: flo
 def in_force(commands: Array, at_s: float, around_s: float) -> tuple[float, float, float, float, bool]:
     """Frequency and voltage in force at a time, lowest and highest voltage around it, and whether one carrier held.
 
-    `commands` as for `learn`; before the oldest of them, where that is known, there was no voltage.
+    `commands` as for `learn`; before the oldest of them, where that is known, there was no voltage. Where nobody knows
+    the voltage (NaN) none is taken, and no carrier held.
     """
     voltage_v, frequency_hz, found = 0.0, SOME_FREQUENCY_HZ, False
     least_v, most_v = np.inf, 0.0
@@ -674,6 +676,8 @@ def in_force(commands: Array, at_s: float, around_s: float) -> tuple[float, floa
         first_ever = np.isnan(began_s)
         if first_ever:
             peak_v = 0.0
+        elif np.isnan(peak_v):
+            peak_v, steady = 0.0, False
         least_v, most_v = min(least_v, peak_v), max(most_v, peak_v)
         if peak_v > 0.0:
             steady = steady and not (carrier_hz != command_hz and carrier_hz > 0.0)

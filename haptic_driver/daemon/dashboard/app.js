@@ -257,8 +257,10 @@ function showTicks(status, frames) {
   say("lateness_median", brief(last?.lateness_median_s));
   say("lateness_most", brief(limits(frames.map((f) => f.ticks.lateness_max_s))?.[1]));
   say("compute_median", brief(last?.compute_median_s));
-  say("overruns", `${status?.overruns ?? "–"}`);
-  $("overruns").classList.toggle("some", (status?.overruns ?? 0) > 0);
+  for (const name of ["overruns", "underruns"]) {
+    say(name, `${status?.[name] ?? "–"}`);
+    $(name).classList.toggle("some", (status?.[name] ?? 0) > 0);
+  }
 }
 
 const there = (newest) => ({ x_m: newest.position_x_m, y_m: newest.position_y_m });

@@ -55,6 +55,7 @@ class BenchControl:
                 output_on=rendering if self.shown_off else None,
                 ticks=self.ticks,
                 overruns=0,
+                underruns=0,
                 flags=[],
                 fault=self.machine.fault_reason,
                 lease_left_s=self.machine.lease_until_s - time.monotonic() if self.machine.armed else None,

@@ -24,11 +24,11 @@ SCHEDULING_S = 0.2  # what a loaded machine may add to any reaction
 class KillableDaemon:
     """`killable.py` as seen from outside: its reports, and what was at the electrode."""
 
-    def __init__(self, record: Path):
+    def __init__(self, record: Path, rig: str):
         self.record = record
         self.report = {"state": "starting"}
         self.process = subprocess.Popen(
-            [sys.executable, str(KILLABLE), str(record)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            [sys.executable, str(KILLABLE), str(record), rig], stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
         self._lines: queue.Queue[bytes] = queue.Queue()
         self._listener = threading.Thread(target=self._listen, daemon=True)
@@ -106,8 +106,8 @@ def process_exists():
 def killable_daemon(tmp_path):
     daemons = []
 
-    def start():
-        daemons.append(KillableDaemon(tmp_path / "amplifier.txt"))
+    def start(rig="simulated"):
+        daemons.append(KillableDaemon(tmp_path / "amplifier.txt", rig))
         return daemons[-1]
 
     yield start

@@ -1,6 +1,6 @@
 """A daemon with a client of its own, as a process that a test may kill; not a test.
 
-    python killable.py AMPLIFIER_RECORD
+    python killable.py AMPLIFIER_RECORD RIG
 
 arms, sets a friction and renews. Reports every change of state as a JSON line, with the process ids at that time. A
 line on standard input makes it reset what is in fault and go on; the end of standard input ends it.
@@ -45,8 +45,8 @@ def go(daemon: Daemon) -> str:
 
 
 def main() -> None:
-    record = Path(sys.argv[1])
-    with Daemon(daemon_settings("simulated", "reference", amplifier_record=record)) as daemon:
+    record, rig = Path(sys.argv[1]), sys.argv[2]
+    with Daemon(daemon_settings(rig, "reference", amplifier_record=record)) as daemon:
         token, told = go(daemon), None
         while True:
             state = daemon.status().state

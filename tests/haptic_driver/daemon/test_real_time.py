@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import time
 
 import pytest
@@ -109,3 +112,19 @@ def test_sleep_until_never_returns_early():
         until_s = time.monotonic() + pause_s
         real_time.sleep_until(until_s)
         assert time.monotonic() >= until_s
+
+
+def test_precedence_is_taken_where_it_may_be_and_never_given_away():
+    code = "import os; from haptic_driver.daemon import real_time; print(real_time.take_precedence(), os.nice(0))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    granted, niceness = run.stdout.split()
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    assert int(niceness) == (min(-10, before) if granted == "True" else before)
+
+
+def test_a_machine_that_allows_no_precedence_is_no_failure(monkeypatch):
+    def refuse(*arguments):
+        raise PermissionError
+
+    monkeypatch.setattr(os, "setpriority", refuse)
+    assert real_time.take_precedence() is False

@@ -1,0 +1,152 @@
+"""The loop from render through pump and instruments to the finger, in made-up time: what a start teaches."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from haptic_driver.actuator import make_actuator
+from haptic_driver.config import load_rig
+from haptic_driver.daemon.output_pump import START_S, OutputPump
+from haptic_driver.daemon.real_time import Due
+from haptic_driver.daemon.render_process import Renderer, RenderSettings
+from haptic_driver.daemon.set_up import idle_stages
+from haptic_driver.daemon.shared_state import NO_ORDER, Sensed, SharedState
+from haptic_driver.render.texture import Uniform
+from haptic_driver.rig import build_rig
+from haptic_driver.rig_config import NoAnalogOutput
+from haptic_driver.simulated_rig import simulated_amplifier, simulated_generator, surface_friction
+from hw.analog_output import AnalogOutputSettings
+from hw.simulated.analog_output import SimulatedAnalogOutput
+from hw.simulated.finger_plant import FingerPlant
+from hw.simulated.force_sensor import SimulatedForceSensor
+from hw.transport.memory import MemoryTransport
+
+TICK_S = 0.001
+FORCE_N, SPEED_M_S = 0.5, 0.04
+STARTED_S = START_S + 0.1  # the latency included
+
+
+class Loop:
+    """A finger that slides steadily, with friction `gain` times the surface's, on a rig by its name."""
+
+    def __init__(self, name, surface_file, gain):
+        config = load_rig(name)
+        law = surface_friction(surface_file, config.operating_limits())
+        self.amplifier = simulated_amplifier(config)
+        self.generator = simulated_generator(config, self.amplifier)
+        self.plant = FingerPlant(lambda f, v, n, s: gain * law(f, v, n, s, 0.0))
+        sensor = SimulatedForceSensor(self.plant, noise_n=0.003, range_n=20.0, seed=1)
+        analog = config.analog_output
+        self.card = None
+        if not isinstance(analog, NoAnalogOutput):
+            self.card = SimulatedAnalogOutput(AnalogOutputSettings(-5.0, 5.0, -5.0, analog.sample_rate_limit_hz))
+            self.card.open()
+            self.generator.set_modulation_input(self.card.terminal_v)
+        self.rig = build_rig(
+            config, MemoryTransport(self.generator), sensor, self.amplifier, self.amplifier,
+            modulated=self.card is not None, sleep=lambda seconds: None,
+        )  # fmt: skip
+        self.rig.connect()
+        self.shared, self.now_s, self.order, self.number = SharedState(), 1000.0, NO_ORDER, 0
+        self.failures = []
+        self.pump = OutputPump(
+            self.shared.output, self.shared.driven, config.output.setpoint_interval_s, self.failures.append,
+            lambda: self.now_s,
+        )  # fmt: skip
+        self.pump.actuator = make_actuator(config, self.rig, self.card)
+        settings = RenderSettings(idle_stages(config, surface_file), TICK_S)
+        self.renderer = Renderer(settings, self.shared, clock=lambda: self.now_s)
+
+    def set(self, cof):
+        """What control does when somebody asks for a friction."""
+        number = self.order.number + 1
+        self.shared.targets.write(self.order.target + 1, Uniform(cof))
+        self.order = self.order._replace(
+            number=number, arming=1, rendering=True, lease_until_s=math.inf, target=self.order.target + 1
+        )
+        self.pump.open(number)
+
+    def run(self, seconds):
+        """Let so much time pass; the samples."""
+        position = self.shared.ring.position
+        for _ in range(round(seconds / TICK_S)):
+            self.now_s += TICK_S
+            self.number += 1
+            if self.card is not None:
+                self.generator.set_modulation_input(self.card.advance(TICK_S))
+            self.generator.advance(TICK_S)
+            output = self.generator.output()
+            voltage_v = self.amplifier.step(TICK_S, output)
+            self.plant.step(TICK_S, output.frequency_hz, voltage_v, FORCE_N, SPEED_M_S)
+            felt, x_m = self.rig.read_force(), 0.01 + SPEED_M_S * (self.now_s - 1000.0)
+            self.shared.sensed.write(Sensed(
+                self.now_s, x_m, 0.03, True, self.now_s, felt.normal_force_n, felt.lateral_force_n, False
+            ))  # fmt: skip
+            self.order = self.order._replace(beat_s=self.now_s)
+            self.shared.order.write(self.order)
+            self.pump.turn(self.now_s)  # may read what render said a tick ago
+            self.renderer.step(Due(self.number, self.now_s, 0.0, 0))
+            self.pump.play_on(self.now_s)
+        return self.shared.ring.read(position).samples
+
+    def close(self):
+        assert self.rig.close().output_on is False
+        if self.card is not None:
+            self.card.close()
+        self.shared.close()
+
+
+@pytest.fixture(params=["simulated", "simulated-envelope"])
+def start(request, surface_file):
+    """A loop whose finger slides already, 0.3 s, when output is asked for."""
+    loops = []
+
+    def begin(gain):
+        loops.append(Loop(request.param, surface_file, gain))
+        loops[-1].run(0.3)
+        return loops[-1]
+
+    yield begin
+    for loop in loops:
+        assert loop.failures == []
+        loop.close()
+
+
+@pytest.mark.parametrize(("gain", "cof"), [(1.0, 0.7), (1.4, 0.95)])
+def test_a_start_under_a_sliding_finger_teaches_nothing_wrong(start, gain, cof):
+    loop = start(gain)
+    loop.set(cof)
+    samples = loop.run(0.6)
+    assert samples["voltage_v"].max() > 50.0
+    learnt = samples["feedback_gain"]
+    assert learnt.min() > 1.0 - 0.03
+    assert learnt.max() < gain * 1.03
+    assert learnt[-1] == pytest.approx(gain, rel=0.02)
+    felt = samples["measured_cof"][round(STARTED_S / TICK_S) + 100 :]
+    assert np.convolve(felt, np.full(20, 0.05), "valid") == pytest.approx(cof, rel=0.05)
+
+
+def test_another_target_goes_on_without_a_gap(start):
+    loop = start(1.0)
+    loop.set(0.65)
+    loop.run(0.5)
+    for cof in (0.7, 0.68):
+        loop.set(cof)
+        loop.run(0.05)
+        assert loop.amplifier.voltage_v > 50.0
+    assert [event.state.name for event in loop.rig.events] == ["OFF", "ON"]
+
+
+def test_gaps_of_an_envelope_are_counted_and_teach_nothing(surface_file):
+    loop = Loop("simulated-envelope", surface_file, 1.0)
+    loop.set(0.7)
+    loop.run(0.6)
+    for _ in range(10):  # nobody plays meanwhile
+        loop.card.advance(TICK_S)
+    learnt = loop.run(0.3)["feedback_gain"]
+    assert loop.pump.underruns == 1
+    assert np.abs(learnt - 1.0).max() < 0.03
+    loop.close()
