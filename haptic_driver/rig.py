@@ -134,6 +134,7 @@ class Rig:
         self._written: _Written | None = None
         self._refreshed_s = self._beaten_s = self._tried_off_s = -math.inf
         self._commanded: deque[tuple[float, float]] = deque()  # (time, peak voltage) as far back as the monitor may lag
+        self._in_flight_s: float | None = None  # when the last set point began, until the instant after it
 
     @property
     def state(self) -> RigState:
@@ -306,6 +307,7 @@ class Rig:
         self._generator.set_point(command.frequency_hz, voltage_v, modulation=self._modulation)
         self._go_on(withdrawals)
         self._note(time_s, voltage_v)
+        self._in_flight_s = time_s
         self._written = _Written(time_s, command.frequency_hz, voltage_v)
 
     def _switch_on(self, time_s: float, frequency_hz: float, withdrawals: int) -> None:
@@ -372,6 +374,7 @@ class Rig:
 
     def _check_voltage(self, time_s: float) -> None:
         """Trip when the monitor contradicts what was commanded within the time that it may lag."""
+        self._land(time_s)
         voltage_v = self._amplifier.monitor_voltage_v()
         if voltage_v is None:
             return
@@ -386,6 +389,13 @@ class Rig:
         self._forget(time_s)
         voltages_v = [voltage_v for _, voltage_v in list(self._commanded)]
         return min(voltages_v, default=0.0), max(voltages_v, default=0.0)
+
+    def _land(self, time_s: float) -> None:
+        """Count the last set point from now: a dialogue may stall, and only now has it certainly ended."""
+        if self._in_flight_s is not None:
+            began_s, self._in_flight_s = self._in_flight_s, None
+            landed = [(time_s if noted_s >= began_s else noted_s, voltage_v) for noted_s, voltage_v in self._commanded]
+            self._commanded = deque(landed)
 
     def _note(self, time_s: float, voltage_v: float) -> None:
         if self._commanded and not time_s >= self._commanded[-1][0]:

@@ -397,6 +397,20 @@ def test_the_monitor_may_lag_by_the_settling_time_and_be_off_by_the_tolerance(be
     assert bench.rig.state is RigState.ON
 
 
+@pytest.mark.parametrize("after_v", [40.0, 90.0])
+def test_a_dialogue_that_stalled_is_no_contradiction(bench, after_v):
+    """A busy machine kept a set point waiting longer than the settling time: what it replaces was there until then."""
+    bench.rig.command(0.0, on(80.0))
+    bench.rig.hold(0.2)
+    bench.rig.hold(0.4)
+    bench.rig.command(0.5, on(after_v))
+    bench.monitor.lie_v = 0.8
+    bench.rig.hold(0.8)  # the first instant after the dialogue
+    bench.rig.hold(0.9)
+    with pytest.raises(HapticError, match=rf"monitor reads 80 V where {after_v:g}\.\.{after_v:g} V"):
+        bench.rig.hold(0.96)
+
+
 def test_a_trip_stays_while_its_reason_may(bench):
     bench.rig.command(0.0, on(80.0))
     bench.monitor.lie_v = 2.0

@@ -15,7 +15,7 @@ from model.diagnosis.fit import Fit
 from model.diagnosis.model_file import fitted_effects, fitted_nuisances, write_model
 from model.diagnosis.naming import Candidate
 from model.diagnosis.rival import Evidence
-from model.diagnosis.space import Predictor
+from model.diagnosis.space import NUISANCES, Predictor
 from model.diagnosis.verdict import Verdict, Weighed
 from model.diagnosis.workflow import Diagnosis
 from model.dielectrics import GABRIEL_WET, ColeCole, Dielectric, PowerLaw, Tabulated
@@ -24,7 +24,7 @@ from model.errors import ModelError
 from model.parameters import Parameter
 
 REFERENCE = Path(__file__).parents[3] / "configs" / "models" / "reference.toml"
-VECTOR = np.array([0.1, -0.5, 1.2, 2.0, 0.3, -1.1])
+VECTOR = np.array([0.1, -0.5, 1.2, 2.0, 0.7, 0.3, -1.1])
 POWER_LAW = PowerLaw(4.0, 1200.0, 0.35, 2e-5)
 TABLE = Tabulated("my skin", "user's table my skin.csv", (1.0, 1e3, 1e6), (5e3, 1.1e3, 0.1 + 0.2), (1e-5, 1e-4, 1e-2))
 
@@ -46,7 +46,7 @@ def fit(kinds: tuple[type[Effect], ...], vector: Array) -> Fit:
 
 def diagnosis(verdict: str | None, *names: str) -> Diagnosis:
     def found(kinds: tuple[type[Effect], ...]) -> Candidate:
-        size = 4 + sum(len(k.parameters()) for k in kinds)
+        size = len(NUISANCES) + sum(len(k.parameters()) for k in kinds)
         return Candidate(kinds, fit(kinds, VECTOR[:size]), Evidence(5.0, 1.0, 0.0), Evidence(4.0, 1.0, 0.0))
 
     kinds = tuple(BY_NAME[name] for name in names)
