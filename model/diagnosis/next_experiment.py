@@ -21,7 +21,7 @@ from model.diagnosis.fit import STEP, Problem
 from model.diagnosis.naming import NONE, Candidate, imitation
 from model.diagnosis.noise import SESSION_GAIN_STD
 from model.diagnosis.space import Predictor
-from model.diagnosis.verdict import ALIKE, APART
+from model.diagnosis.verdict import ALIKE
 from model.diagnosis.where import ALARM
 from model.diagnosis.workflow import Diagnosis
 
@@ -60,11 +60,13 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: 
     `kind` is `setting` or `check`, `purpose` says in words what it is for. `separation` is what a setting adds, in
     chi^2, to the models' expected difference, given the settings before it; `lambda_now` and `lambda_after` are what
     is left of one leading model's prediction when the other is fitted: now, and with all proposed settings measured
-    (refitted, not extrapolated). Without an explanation, the settings repeat where data and model disagree most.
+    (refitted, not extrapolated); `lambda_enough` makes a name. Without an explanation, the settings repeat where data
+    and model disagree most.
     """
-    problem, verdict = diagnosis.problem, diagnosis.verdict
-    if problem is None or verdict is None:
+    problem, verdict, weighed = diagnosis.problem, diagnosis.verdict, diagnosis.weighed
+    if problem is None or verdict is None or weighed is None:
         return []
+    enough = weighed.apart
     if diagnosis.name == "unexplained":
         return _repeats(diagnosis, most)
     leaders = _leaders(diagnosis)
@@ -74,7 +76,7 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: 
     outlooks, usable = _outlooks(description, settings, leaders)
     settings = settings.subset(usable)
     noise = float(np.median(problem.noise.relative_std)) * float(np.sqrt(verdict.chosen.fit.scale2))
-    picked, gains = _greedy(_pairs(outlooks), noise, most if usable.any() else 0)
+    picked, gains = _greedy(_pairs(outlooks), noise, most if usable.any() else 0, enough)
     first, second = leaders[0][0], leaders[1][0]
     now = after = _separation(problem, first, second)
     if picked:
@@ -85,6 +87,7 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: 
         "separates": [first.name, second.name],
         "lambda_now": now,
         "lambda_after": after,
+        "lambda_enough": enough,
     }
     if after < ALIKE:
         return [] if diagnosis.name == "no_discrepancy" else _checks((first, second), common)
@@ -203,22 +206,22 @@ def _pairs(outlooks: Sequence[_Outlook]) -> list[_Pair]:
     ]
 
 
-def _greedy(pairs: Sequence[_Pair], noise: float, most: int) -> tuple[list[int], list[float]]:
+def _greedy(pairs: Sequence[_Pair], noise: float, most: int, enough: float) -> tuple[list[int], list[float]]:
     """Indices of the settings, and what each adds to the leading pair's separation given those before it.
 
-    A pair that the settings so far tell apart counts no more.
+    A pair that the settings so far tell apart, by `enough`, counts no more.
     """
     total = np.zeros(len(pairs))
     picked: list[int] = []
     gains: list[float] = []
     for _ in range(most):
         each = np.array([_gains(pair, noise, picked) for pair in pairs])
-        wanted = np.array([pair.weight for pair in pairs])[:, None] * np.minimum(each, APART - total[:, None])
+        wanted = np.array([pair.weight for pair in pairs])[:, None] * np.minimum(each, enough - total[:, None])
         best = int(np.argmax(wanted.sum(axis=0)))
         picked.append(best)
         gains.append(float(each[0, best]))
-        total = np.minimum(total + each[:, best], APART)
-        if total[0] >= APART:
+        total = np.minimum(total + each[:, best], enough)
+        if total[0] >= enough:
             break
     return picked, gains
 

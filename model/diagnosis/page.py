@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from model.diagnosis.pictures import words
-from model.diagnosis.verdict import APART
 from model.diagnosis.where import ALARM
 
 PAGE = """<!DOCTYPE html>
@@ -276,10 +275,9 @@ def _next(content: Mapping[str, Any]) -> str:
         return ""
     settings = [s for s in steps if s["kind"] == "setting"]
     if not settings:
-        purpose = (
-            f"No setting within reach {steps[0]['purpose']} (separation at best {_figure(steps[0]['lambda_after'])}, "
-        )
-        return f"<p>{escape(purpose + f'{APART:.0f} needed).')} See the physical checks below.</p>"
+        best, enough = _figure(steps[0]["lambda_after"]), steps[0]["lambda_enough"]
+        none = f"No setting within reach {steps[0]['purpose']} (separation at best {best}, {enough:.0f} needed)."
+        return f"<p>{escape(none)} See the physical checks below.</p>"
     axes = [a for a in AXIS_WORDS if a in settings[0]]
     head = ["", *(", ".join(AXIS_WORDS[a]) for a in axes), "readings"]
     rows = [
@@ -287,12 +285,12 @@ def _next(content: Mapping[str, Any]) -> str:
         for i, s in enumerate(settings, start=1)
     ]
     lead = f"This {settings[0]['purpose']}."
-    now, after = settings[0].get("lambda_now"), settings[0].get("lambda_after")
-    if now is not None and now >= APART:
-        lead += f" These data already do (separation {_figure(now)}, {APART:.0f} is enough); the settings confirm it."
-    elif after is not None:
+    if "lambda_now" in settings[0]:
+        now, after, enough = (settings[0][f"lambda_{when}"] for when in ("now", "after", "enough"))
         lead += (
-            f" Their separation: now {_figure(now)}, then {_figure(after)}; {APART:.0f} is enough to tell them apart."
+            f" These data already do (separation {_figure(now)}, {enough:.0f} is enough); the settings confirm it."
+            if now >= enough
+            else f" Their separation: now {_figure(now)}, then {_figure(after)}; {enough:.0f} is enough for a name."
         )
     return f"<p>{escape(lead)}</p>{_rows(head, rows)}"
 

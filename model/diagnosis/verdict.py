@@ -40,6 +40,7 @@ FORM_ERROR = 0.02
 MIMICS = 0.03
 MIMICS_OF_ROUGH = 0.25
 PAIR_GAIN_NATS = 3.0
+PAIR_CERTAIN = 0.98
 LEADERS = 6
 USUAL = 2.58  # prior standard deviations that hold 99 %
 
@@ -73,6 +74,17 @@ class Weighed:
         """The effect with the most evidence."""
         return max(self.singles, key=lambda c: c.alone.log_evidence)
 
+    @property
+    def trust(self) -> float:
+        """What a nat of evidence between two effects counts."""
+        gain = max(self.winner.alone.log_evidence - self.base.alone.log_evidence, 0.0)
+        return FORM_TRUST / (1.0 + FORM_ERROR * gain)
+
+    @property
+    def apart(self) -> float:
+        """lambda_ij that on average makes the better of two effects as probable as a name must be; at least APART."""
+        return max(APART, 2.0 * float(np.log(SURE / (1.0 - SURE))) / self.trust)
+
     def probabilities(self, remainder: float) -> dict[str, float]:
         """Posterior of none, unknown and every effect of the catalogue, summing to 1, the largest first.
 
@@ -83,8 +95,7 @@ class Weighed:
         base, winner = self.base, self.winner
         evidences = np.array([c.alone.log_evidence for c in self.singles])
         together = each + logsumexp(evidences)
-        gain = max(winner.alone.log_evidence - base.alone.log_evidence, 0.0)
-        shares = FORM_TRUST / (1.0 + FORM_ERROR * gain) * evidences
+        shares = self.trust * evidences
         shares -= logsumexp(shares)
         mimics = np.log(MIMICS if remainder <= NAME_REMAINDER else MIMICS_OF_ROUGH)
         if remainder > LIST_REMAINDER:
@@ -149,8 +160,8 @@ def decide(
         -np.inf if pair is None else pair.alone.log_evidence + np.log(0.05) - winner.beside_discrepancy.log_evidence
     )
     if pair is not None and pair_fits and pair_gain > PAIR_GAIN_NATS:
-        return _name_pair(problem, weighed, pair, probabilities)
-    if winner.name in needed and remainder <= LIST_REMAINDER:
+        return _name_pair(pair, probabilities, _remainder(discrepancy, pair, base))
+    if winner.name in needed and remainder <= LIST_REMAINDER and probabilities[UNKNOWN] < 0.5:
         why = f"needed even beside a discrepancy of unknown shape; what remains is {remainder:.0%} of its signature"
         group += [name for name in needed if name not in (winner.name, *group)]
         verdict = "ambiguous" if group or remainder > NAME_REMAINDER else "effect_found"
@@ -247,12 +258,14 @@ def _remainder(discrepancy: list[Array], winner: Candidate, base: Candidate) -> 
     return float(np.sqrt(left @ left / explained))
 
 
-def _name_pair(problem: Problem, weighed: Weighed, pair: Candidate, probabilities: dict[str, float]) -> Verdict:
+def _name_pair(pair: Candidate, probabilities: dict[str, float], remainder: float) -> Verdict:
     names = [kind.name for kind in pair.kinds]
-    certain = 0.98
-    updated = {name: value * (1.0 - certain) for name, value in probabilities.items()}
-    for name in names:
-        updated[name] = certain / len(names)
-    total = sum(updated.values())
-    updated = dict(sorted(((n, v / total) for n, v in updated.items()), key=lambda item: -item[1]))
-    return Verdict("effect_found", True, pair, updated, {name: [] for name in names}, ("two effects are needed",))
+    others = {name: value * (1.0 - PAIR_CERTAIN) for name, value in probabilities.items() if name not in names}
+    updated = _normalised({name: np.log(max(value, 1e-300)) for name, value in others.items()} | {
+        name: np.log(PAIR_CERTAIN / len(names)) for name in names
+    })  # fmt: skip
+    clear = remainder <= NAME_REMAINDER and not _unusual(pair)
+    reason = (
+        "two effects are needed" if clear else f"two effects fit, which may leave {remainder:.0%} of their signature"
+    )
+    return Verdict("effect_found" if clear else "ambiguous", True, pair, updated, {n: [] for n in names}, (reason,))

@@ -15,7 +15,7 @@ from model.diagnosis.fit import Fit
 from model.diagnosis.model_file import fitted_effects, fitted_nuisances, write_model
 from model.diagnosis.naming import Candidate
 from model.diagnosis.rival import Evidence
-from model.diagnosis.space import NUISANCES, Predictor
+from model.diagnosis.space import FINGER, NUISANCES, Predictor
 from model.diagnosis.verdict import Verdict, Weighed
 from model.diagnosis.workflow import Diagnosis
 from model.dielectrics import GABRIEL_WET, ColeCole, Dielectric, PowerLaw, Tabulated
@@ -75,7 +75,7 @@ def test_the_file_predicts_what_the_fit_did(finger: ModelDescription, tmp_path: 
     chosen = found.verdict.chosen.fit
     write_model(found, finger, tmp_path / "model.toml", "d.csv")
     expected = Predictor(finger, found.data).log_cof(chosen.kinds, chosen.vector[None])
-    read = Predictor(read_model(tmp_path / "model.toml"), found.data).log_cof((), np.zeros((1, 4)))
+    read = Predictor(read_model(tmp_path / "model.toml"), found.data, FINGER).log_cof((), np.zeros((1, 4)))
     np.testing.assert_allclose(read, expected, rtol=1e-12)
 
 
@@ -83,9 +83,13 @@ def test_fitted_values_carry_their_error_and_their_data(finger: ModelDescription
     write_model(diagnosis("effect_found", "series_resistance"), finger, tmp_path / "model.toml", "/where/d.csv")
     read = read_model(tmp_path / "model.toml")
     roughness = read.parameters["roughness_rms_m"]
-    # half a prior unit below with a tail of 0.45: log factor 0.1 sinh(-0.225)/0.45; the covariance is 0.2^2
-    assert roughness.value == pytest.approx(20e-6 * np.exp(-0.1 * np.sinh(0.225) / 0.45), rel=1e-12)
-    assert roughness.std == pytest.approx(roughness.value * 0.10 * np.cosh(0.225) * 0.2, rel=1e-12)
+    # half a prior unit below with a tail of 0.2: log factor 0.1 sinh(-0.1)/0.2; the covariance is 0.2^2
+    assert roughness.value == pytest.approx(20e-6 * np.exp(-0.1 * np.sinh(0.1) / 0.2), rel=1e-12)
+    assert roughness.std == pytest.approx(roughness.value * 0.10 * np.cosh(0.1) * 0.2, rel=1e-12)
+    # 0.7 prior units above a median of 3 nm, a factor e^2 each with a tail of 0.01
+    gap_offset = read.parameters["gap_offset_m"]
+    assert gap_offset.value == pytest.approx(3e-9 * np.exp(2.0 * np.sinh(0.007) / 0.01), rel=1e-12)
+    assert gap_offset.std == pytest.approx(gap_offset.value * 2.0 * np.cosh(0.007) * 0.2, rel=1e-12)
     assert roughness.source == "fit to d.csv, sha256 abababababababab"
     resistance = read.effect_parameters["series_resistance"]["resistance_ohm"]
     assert resistance.value == pytest.approx(2e4 * 8.0**0.3)
@@ -95,13 +99,13 @@ def test_fitted_values_carry_their_error_and_their_data(finger: ModelDescription
 
 def test_a_linear_parameter_keeps_its_error_at_zero() -> None:
     kind = BY_NAME["contact_ageing"]
-    share = fitted_effects(fit((kind,), np.zeros(6)))["contact_ageing"]["share"]
+    share = fitted_effects(fit((kind,), np.zeros(len(NUISANCES) + 2)))["contact_ageing"]["share"]
     assert share.value == 0.0
     assert share.std == pytest.approx(0.15 * 0.2)
 
 
 def test_fitted_parameters_stay_within_what_a_file_may_say(finger: ModelDescription) -> None:
-    found = fitted_nuisances(finger, fit((), np.array([6.0, 0.0, 0.0, 0.0])))
+    found = fitted_nuisances(finger, fit((), np.array([6.0, 0.0, 0.0, 0.0, 0.0])))
     assert found["cof_off"].value == 5.0
 
 
