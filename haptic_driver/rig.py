@@ -398,8 +398,11 @@ class Rig:
             self._commanded = deque(landed)
 
     def _note(self, time_s: float, voltage_v: float) -> None:
-        if self._commanded and not time_s >= self._commanded[-1][0]:
-            self._commanded.clear()  # the caller's clock began again
+        if self._commanded:
+            last_s = self._commanded[-1][0]
+            if time_s < last_s - self.safety.settle_s:
+                self._commanded.clear()  # the caller's clock began again
+            time_s = max(time_s, last_s)  # of two threads, one may have looked at the clock a little earlier
         self._forget(time_s)
         self._commanded.append((time_s, voltage_v))
 

@@ -411,6 +411,16 @@ def test_a_dialogue_that_stalled_is_no_contradiction(bench, after_v):
         bench.rig.hold(0.96)
 
 
+def test_a_command_timed_just_before_another_threads_look_forgets_nothing(bench):
+    """Found after 22 minutes of rendering: the history began anew, without the zero that was still on the monitor."""
+    bench.rig.command(0.0, on(80.0))
+    bench.rig.watch(0.030)
+    bench.monitor.lie_v = 0.0  # not there yet
+    bench.rig.command(0.029, on(90.0))
+    bench.rig.watch(0.05)
+    assert bench.rig.state is RigState.ON
+
+
 def test_a_trip_stays_while_its_reason_may(bench):
     bench.rig.command(0.0, on(80.0))
     bench.monitor.lie_v = 2.0
