@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.files import read_text
 from haptic_driver.rig_config import NiForceSensorConfig, RecordedFingerConfig, RigConfig
 from model.description import ModelDescription, read_model
 from model.errors import ModelError, nearest
@@ -21,6 +21,7 @@ from model.errors import ModelError, nearest
 __all__ = [
     "RigConfig",
     "config_dirs",
+    "config_names",
     "find_config",
     "load_model",
     "load_rig",
@@ -142,31 +143,31 @@ def _members(annotation: Any) -> list[Any]:
 
 def find_config(name_or_path: str, kind: str) -> Path:
     """The file of that name in a folder `kind` (rigs, models, plans) of the config folders, or the path itself."""
-    given = Path(name_or_path)
-    if given.suffix == ".toml" or len(given.parts) > 1:
-        if given.is_file():
+    given, what = Path(name_or_path), kind[:-1]
+    names = config_names(kind)
+    if given.suffix == ".toml" or os.sep in name_or_path:
+        if os.path.isfile(given):
             return given
-        raise BadInputError(
-            "file_not_found", f"{given}: there is no such file", f"Names found: {', '.join(_names(kind))}"
-        )
+        said = "is a folder, not a file" if os.path.isdir(given) else "there is no such file"
+        hint = f"Give the path of a file, or the name of a {what}. {nearest(given.stem, names)}"
+        raise BadInputError("file_not_found", f"{name_or_path}: {said}", hint)
     for folder in config_dirs():
         path = folder / kind / f"{name_or_path}.toml"
-        if path.is_file():
+        if os.path.isfile(path):  # False too for a name that no file system takes
             return path
-    hint = nearest(name_or_path, sorted(set(_names(kind))))
-    raise BadInputError(f"unknown_{kind[:-1]}", f"there is no {kind[:-1]} named '{name_or_path}'", hint)
+    own = f"The name of a {what} file of your own must end in .toml. " if os.path.isfile(given) else ""
+    hint = own + nearest(name_or_path, names)
+    raise BadInputError(f"unknown_{what}", f"there is no {what} named '{name_or_path}'", hint)
 
 
-def _names(kind: str) -> Iterator[str]:
-    for folder in config_dirs():
-        yield from (path.stem for path in sorted((folder / kind).glob("*.toml")))
+def config_names(kind: str) -> list[str]:
+    """The names that `find_config` knows in folders `kind`, sorted."""
+    return sorted({path.stem for folder in config_dirs() for path in (folder / kind).glob("*.toml")})
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The content of a TOML file; BadInputError says what is wrong with it."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInputError("file_unreadable", f"{path}: cannot be read ({error})", "Give a readable file") from error
-    except tomllib.TOMLDecodeError as error:
+        return tomllib.loads(read_text(path))
+    except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
         raise BadInputError("bad_toml", f"{path}: {error}", "Correct the TOML syntax there") from error

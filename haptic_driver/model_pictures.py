@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from haptic_driver.errors import HapticError
+from haptic_driver.files import write_picture
 from model.calibration import Calibration
 from model.sensitivity import Sensitivity
 from model.spectra import ForceSpectrum, Steepness
@@ -157,18 +157,13 @@ def _words(name: str) -> str:
 
 @contextmanager
 def _saved(path: Path, rows: int, columns: int, size: tuple[float, float], **how: Any) -> Any:
-    """Axes [rows x columns] to draw on; saved at the end. HapticError where the picture cannot be written."""
+    """Axes [rows x columns] to draw on; saved at the end."""
     figure: Figure
     figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False, **how)
     for panel in axes.ravel():
         panel.grid(alpha=0.25)
     try:
         yield axes.ravel().tolist()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=110)
-    except OSError as error:
-        raise HapticError(
-            "not_written", f"{path}: picture cannot be written ({error})", "Choose another path"
-        ) from error
+        write_picture(figure, path)
     finally:
         plt.close(figure)

@@ -11,7 +11,8 @@ import numpy as np
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError
+from haptic_driver.files import write_picture
 from haptic_driver.slides import WITHIN, SlideRecord
 from haptic_driver.surface_file import SurfaceFile
 
@@ -47,8 +48,10 @@ def draw_slide(record: SlideRecord, title: str, path: Path) -> None:
         friction.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, frameon=False)
     for axes in (friction, voltage, frequency):
         axes.grid(alpha=0.25)
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    try:
+        write_picture(figure, path, 130)
+    finally:
+        plt.close(figure)
 
 
 def _strokes(record: SlideRecord) -> list[np.ndarray[Any, np.dtype[np.intp]]]:
@@ -85,11 +88,7 @@ def draw_surface(surface: SurfaceFile, normal_force_n: float, path: Path) -> flo
     axes.set_title(f"friction by model '{name}' under {force_n:.3g} N; hatched: outside the limits")
     figure.colorbar(mesh, label="coefficient of friction")
     try:
-        figure.savefig(path, dpi=130)
-    except (OSError, ValueError) as error:
-        raise HapticError(
-            "not_written", f"{path}: picture cannot be written ({error})", "Choose another --out"
-        ) from error
+        write_picture(figure, path, 130)
     finally:
         plt.close(figure)
     return force_n

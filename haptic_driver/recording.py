@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from haptic_driver.daemon.records import Event
 from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.files import not_written
 
 FORMAT = "haptic-driver recording"
 FORMAT_VERSION = 1.0
@@ -100,7 +101,7 @@ def export(
             write(part, fields, _blocks(table, fields, progress), about)
             os.replace(part, out)
         except OSError as error:
-            raise HapticError("not_written", f"{out}: cannot be written ({error})", "Choose another --out") from error
+            raise not_written(out, error) from error
         finally:
             with suppress(OSError):
                 part.unlink(missing_ok=True)
@@ -119,8 +120,9 @@ def row_count(path: Path, run: str | None = None) -> int:
 @contextmanager
 def _opened(path: Path) -> Iterator[h5py.File]:
     """The open file, known to be a recording; what fails while it is read is a BadInputError too."""
-    if not path.is_file():
-        raise BadInputError("recording_not_found", f"{path}: there is no such recording", "Check the path")
+    if not os.path.isfile(path):
+        said = "is a folder, not a recording" if os.path.isdir(path) else "there is no such recording"
+        raise BadInputError("recording_not_found", f"{path}: {said}", "Check the path")
     try:
         file = h5py.File(path, "r", locking=False)
     except OSError as error:

@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from haptic_driver.render.tick import TickSettings, TickState, tick
 from haptic_driver.rig import OffEvidence
 from haptic_driver.signals import FingerSample
 from haptic_driver.simulated_rig import SimulatedRig
+from haptic_driver.tables import Table, read_table
 from hw.force_sensor import ForceReading
 
 Array = NDArray[np.float64]
@@ -120,42 +120,32 @@ def _stroke(time: Array, start_s: float, duration_s: float) -> Array:
 def read_slide(path: Path) -> Slide:
     """A recorded slide: CSV with `time_s, position_m, normal_force_n`, rising in time; resampled to the tick."""
     wanted = f"Give a CSV with columns {', '.join(COLUMNS)}, time rising, at least 10 rows"
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            missing = [c for c in COLUMNS if c not in (reader.fieldnames or [])]
-            if missing:
-                raise BadInputError("bad_slide", f"{path}: column {missing[0]} is missing", wanted)
-            read = [(reader.line_num, [_number(row[c], path, reader.line_num, c) for c in COLUMNS]) for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise BadInputError("bad_slide", f"{path}: cannot be read ({error})", wanted) from error
-    table = np.array([values for _, values in read], dtype=np.float64).reshape(-1, len(COLUMNS))
+    read = read_table(path, COLUMNS, wanted)
+    table = np.array([[_number(read, i, c) for c in COLUMNS] for i in range(len(read.rows))]).reshape(-1, len(COLUMNS))
     if len(table) < 10:
         raise BadInputError("bad_slide", f"{path}: has {len(table)} rows", wanted)
     backwards = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
     if backwards.size:
-        line = read[backwards[0] + 1][0]
+        line = read.lines[backwards[0] + 1]
         raise BadInputError("bad_slide", f"{path}, line {line}: time_s does not rise", wanted)
     if table[-1, 0] - table[0, 0] < 10 * TICK_S:
         raise BadInputError("bad_slide", f"{path}: lasts less than {10 * TICK_S:g} s; is time_s in seconds?", wanted)
     if table[-1, 0] - table[0, 0] > 3600.0:
         raise BadInputError("bad_slide", f"{path}: lasts longer than an hour; is time_s in seconds?", wanted)
+    if table[:, 2].max() <= 0.0:
+        raise BadInputError(
+            "bad_slide", f"{path}: normal_force_n is never above 0: the finger never touches",
+            "Give the force that presses on the screen, in N, as positive",
+        )  # fmt: skip
     time = np.arange(table[0, 0], table[-1, 0], TICK_S)
     position, force = (np.interp(time, table[:, 0], table[:, i]) for i in (1, 2))
     return Slide(path.name, time, position, force)
 
 
-def _number(text: str | None, path: Path, line: int, column: str) -> float:
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise BadInputError(
-            "bad_slide", f"{path}, line {line}: {column} is {text!r}, not a number", "Correct that line"
-        )
+def _number(table: Table, row: int, column: str) -> float:
+    value = table.number(row, column)
     if abs(value) > LARGEST.get(column, np.inf):
-        where = f"{path}, line {line}: {column} = {value:g}"
+        where = f"{table.path}, line {table.lines[row]}: {column} = {value:g}"
         raise BadInputError("bad_slide", f"{where} is out of range", f"Give at most {LARGEST[column]:g} in SI units")
     return value
 

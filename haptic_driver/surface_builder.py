@@ -43,7 +43,8 @@ class SurfaceAxes:
         if not 1e-2 <= self.frequency_low_hz < self.frequency_high_hz <= 1e8:
             raise BadInputError("bad_axes", "frequency axis is not rising within 0.01..1e8 Hz", "For example 1 to 1e6")
         if not 0.0 < self.voltage_high_v <= 5e3:
-            raise BadInputError("bad_axes", f"highest voltage {self.voltage_high_v:g} V is not in 0..5000 V", "Say 150")
+            said = f"highest voltage {self.voltage_high_v:g} V is not in 0..5000 V"
+            raise BadInputError("bad_axes", said, "For example 150")
         if not 1e-3 <= self.normal_force_low_n < self.normal_force_high_n <= 50.0:
             raise BadInputError(
                 "bad_axes", "normal force axis is not rising within 0.001..50 N", "For example 0.1 to 2"
@@ -90,8 +91,8 @@ class SurfaceBuilder:
     def rebuild(self, description: ModelDescription, with_interval: bool = False) -> SurfaceFile:
         """Solve the model on every point of the axes; `with_interval` adds how far friction may be off (about 1 s).
 
-        A few milliseconds, unless an effect bends the stack or the field with voltage (`benchmarks/surface_rebuild.py`
-        says how long), or a new roughness shape needs a gap table (under a second, once).
+        10 to 25 ms (`benchmarks/surface_rebuild.py`), more where effects bend both stack and field with the voltage,
+        or where a new roughness shape needs a gap table (under a second, once).
         """
         f, v, n = self._axes.frequency_hz, self._axes.voltage_v, self._axes.normal_force_n
         touch = TouchModel(description)

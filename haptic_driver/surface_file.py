@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError
+from haptic_driver.files import not_written
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.correction import Correction
 from haptic_driver.render.surface import Surface
@@ -96,9 +97,7 @@ class SurfaceFile:
                     file.create_dataset(name, data=values.astype(np.uint8) if values.dtype == bool else values)
             os.replace(part, path)
         except OSError as error:
-            raise HapticError(
-                "surface_not_written", f"{path}: cannot be written ({error})", "Choose another --out"
-            ) from error
+            raise not_written(path, error) from error
         finally:
             with suppress(OSError):
                 part.unlink(missing_ok=True)
@@ -110,8 +109,9 @@ _REQUIRED = [f.name for f in fields(SurfaceFile) if f.name not in ("provenance",
 def read_surface(path: Path) -> SurfaceFile:
     """Read and verify a surface file; BadInputError for a missing, damaged, foreign or newer one."""
     rebuild = "Build a new one with: haptic surface build --out surface.h5"
-    if not path.is_file():
-        raise BadInputError("surface_not_found", f"{path}: there is no such surface file", rebuild)
+    if not os.path.isfile(path):
+        said = "is a folder, not a surface file" if os.path.isdir(path) else "there is no such surface file"
+        raise BadInputError("surface_not_found", f"{path}: {said}", rebuild)
     try:
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:

@@ -21,6 +21,7 @@ from scipy.special import erf, exp1
 from model.roughness import Array, SelfAffineShape
 
 ZETA_MINUS_ONE_LOW = 1e-14
+LOGISTIC_END = 24.0  # of the magnification's logistic variable: zeta1 - zeta is e^-24 of zeta1 there
 ZETA_STEP = 0.1  # of the logistic variable; halving it moves no gap integral by more than 1e-6
 X_NEGLIGIBLE = 6.5  # exp(-x^2) < 1e-18 beyond
 S_NODES = 64
@@ -81,7 +82,7 @@ def gap_distribution(shape: SelfAffineShape, p_hat: float, step: float = ZETA_ST
 def _magnifications(shape: SelfAffineShape, step: float) -> tuple[Array, Array, Array]:
     """zeta, d zeta/dt and zeta1 - zeta on the logistic grid zeta = 1 + (zeta1 - 1)/(1 + e^-t)."""
     span = shape.zeta1 - 1.0
-    t = np.arange(np.log(ZETA_MINUS_ONE_LOW / span), 24.0, step)
+    t = np.arange(np.log(ZETA_MINUS_ONE_LOW / span), LOGISTIC_END, step)
     above, below = span / (1.0 + np.exp(-t)), span / (1.0 + np.exp(t))
     return 1.0 + above, above * below / span, below
 
@@ -126,7 +127,7 @@ class _SeparationRule:
         k, h = 2.0 - 2.0 * shape.hurst, shape.hurst
         s1 = h * (shape.zeta1**k - zeta**k) / k
         s_low = (p_zeta / X_NEGLIGIBLE) ** 2
-        nodes, gauss = np.polynomial.legendre.leggauss(S_NODES)
+        nodes, gauss = _gauss_legendre()
         half = 0.5 * np.log(s1 / s_low)
         s = np.exp(0.5 * np.log(s1 * s_low)[:, None] + half[:, None] * nodes)
         x = (zeta[:, None] ** k + k * s / h) ** (1.0 / k)
@@ -148,6 +149,12 @@ class _SeparationRule:
         limit = h / (self.shape.zeta1 * np.sqrt(pi * self.s1)) * at_limit
         through_x = np.sum(self.weight * self.x ** (2.0 * h - 3.0) * self.inner, axis=1)
         return np.asarray(-(self.zeta ** (1.0 - 2.0 * h)) * (limit + through_x))
+
+
+@lru_cache(maxsize=1)
+def _gauss_legendre() -> tuple[Array, Array]:
+    """Nodes and weights on -1..1; read only."""
+    return np.polynomial.legendre.leggauss(S_NODES)
 
 
 def _inner_integrand(gamma: float, x: Array) -> Array:

@@ -6,6 +6,8 @@ everywhere, where only insulator and skin limit it.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from model.compiled import kernel
@@ -56,5 +58,6 @@ def _admittance(
 @kernel
 def density_per_v(beta: complex, a: complex, k_gap: complex, apart: float, looked_up: Array, h_scale: float) -> float:
     """|current density/(j w eps0 V)| in 1/m from what `lookup` found; `apart` is the share out of contact."""
-    inverse_gap = looked_up[1] * np.exp(1j * looked_up[2]) / h_scale
+    size = looked_up[1] / h_scale
+    inverse_gap = complex(size * math.cos(looked_up[2]), size * math.sin(looked_up[2]))
     return float(abs(beta / a * apart + k_gap / (a * a) * inverse_gap))

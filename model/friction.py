@@ -23,11 +23,16 @@ def cof(
     `laws` bends the proportionality between friction and load; without it friction is Coulomb's.
     """
     laws = laws or Friction()
-    ratio = attraction_n / normal_force_n
-    with np.errstate(divide="ignore"):
-        rise = 1.0 + ratio if law == "applied_load" else np.where(ratio < 1.0, 1.0 / (1.0 - ratio), np.nan)
-    bend = laws.load_exponent - 1.0
-    return np.asarray(cof_off * laws.cof_off_factor * rise * (rise * normal_force_n / LOAD_REFERENCE_N) ** bend)
+    rise = np.asarray(attraction_n / normal_force_n)  # its own array: whole surfaces are worked on in place
+    if law == "applied_load":
+        rise += 1.0
+    else:
+        with np.errstate(divide="ignore"):
+            rise = np.where(rise < 1.0, 1.0 / (1.0 - rise), np.nan)
+    bend = np.asarray(laws.load_exponent - 1.0)
+    if bend.any():
+        rise = rise * (rise * normal_force_n / LOAD_REFERENCE_N) ** bend
+    return np.asarray(cof_off * laws.cof_off_factor * rise)
 
 
 def electrostatic_force_n(law: FrictionLaw, cof_off: float, cof_on: Array, normal_force_n: Array) -> Array:

@@ -19,15 +19,15 @@ import tempfile
 import zipfile
 from dataclasses import asdict, dataclass
 from functools import lru_cache
-from math import pi
+from math import atan2, log, pi
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model import contact
 from model.cache import cache_dir
 from model.compiled import kernel
-from model.contact import gap_distribution
 from model.roughness import Array, SelfAffineShape
 
 FORMAT = 2  # of the cached file and of the quadrature behind it: raise it when either changes
@@ -86,7 +86,7 @@ def gap_nodes() -> Array:
 def gap_mass(shape: SelfAffineShape, p_hat: float, magnification_step: float = MAGNIFICATION_STEP) -> Array:
     """P(u) du [n_u] under one pressure: weights of the trapezoid rule in log u."""
     u = gap_nodes()
-    return gap_distribution(shape, p_hat, magnification_step).density(u) * u * LOG_U_AXIS[2]
+    return contact.gap_distribution(shape, p_hat, magnification_step).density(u) * u * LOG_U_AXIS[2]
 
 
 def gap_integrals(
@@ -131,7 +131,7 @@ def lookup(values: Array, p_hat: float, z_hat: complex, out: Array) -> bool:
     its limits hold: K ~ 1/|z| below (P is constant there), K ~ 1/|z|^2 and L ~ 1/z above. K(conj z) = K(z),
     L(conj z) = conj L(z).
     """
-    log_z, angle = np.log(abs(z_hat)), np.angle(z_hat)
+    log_z, angle = 0.5 * log(z_hat.real**2 + z_hat.imag**2), atan2(z_hat.imag, z_hat.real)
     i, wp, inside = _stencil(np.log(p_hat), LOG_P_AXIS[0], LOG_P_AXIS[1], LOG_P_AXIS[2])
     j, wz, _ = _stencil(log_z, LOG_Z_AXIS[0], LOG_Z_AXIS[1], LOG_Z_AXIS[2])
     k, wa, _ = _stencil(abs(angle), ANGLE_AXIS[0], ANGLE_AXIS[1], ANGLE_AXIS[2])
@@ -171,7 +171,10 @@ def _stencil(x: float, low: float, high: float, count: int) -> tuple[int, tuple[
 
 
 def _key(shape: SelfAffineShape) -> str:
-    grid = [FORMAT, LOG_P_AXIS, LOG_Z_AXIS, ANGLE_AXIS, LOG_U_AXIS, MAGNIFICATION_STEP]
+    grid = [
+        FORMAT, LOG_P_AXIS, LOG_Z_AXIS, ANGLE_AXIS, LOG_U_AXIS, MAGNIFICATION_STEP,
+        contact.ZETA_MINUS_ONE_LOW, contact.LOGISTIC_END, contact.X_NEGLIGIBLE, contact.S_NODES,
+    ]  # fmt: skip
     text = json.dumps([asdict(shape), grid], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -1,7 +1,8 @@
 """Whole surfaces: the closed loop and the current at every combination of frequency, voltage and load.
 
-At one frequency the pressure per mean square volt depends on the total pressure alone: a curve of a few nodes, cubic
-between them. On it <V^2>(p_e) = p_e/gain(p0 + p_e) is explicit; it is inverted for every voltage and load, the last
+At one frequency and voltage the pressure per mean square volt, the gain, depends on the total pressure p alone: a curve
+of a few nodes (`gain_curves.py`), cubic between them in q = sqrt(p), over which it is as straight as over the
+logarithm. On it <V^2>(p_e) = p_e/gain(p0 + p_e) is explicit; it is inverted for every voltage and load, the last
 voltage's answer leading to the next one's.
 """
 
@@ -9,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +17,38 @@ from numpy.typing import NDArray
 from model.chain import PreparedTouch
 from model.compiled import kernel
 from model.contact import area_ratio
-from model.current import density_per_v
-from model.dielectrics import EPS0, Array, ComplexArray
-from model.gap_table import LOG_P_AXIS, GapTable, lookup
+from model.dielectrics import Array
+from model.gain_curves import (
+    Family,
+    GapSums,
+    Integers,
+    Nodes,
+    Stack,
+    blend,
+    cap_gains,
+    cap_is_met_from,
+    choose_knots,
+    copy_curve,
+    fill_family,
+    first_gap,
+    make_family,
+    make_gap_sums,
+    straighten,
+    travel,
+)
+from model.gap_table import LOG_P_AXIS, GapTable
 from model.pressure import MAX_ITERATIONS, TOLERANCE
 
-NODES_PER_ROW = 2  # of the table: pressures on a curve; cubic between them
+NODES_PER_ROW = 2  # of the table: pressures on a curve; of fourth order between them
 FOLD_STEPS = 2  # per pressure of a curve, at which the slope is looked at for a turn of V(p_e)
 BISECTIONS = 50
+LEAP = 1.05  # in q: where the curve moves with the voltage, an answer this near the last one is on its branch
+FEW_STEPS = 8  # in which Newton's method finds such an answer, if there is one
+
+import numba
+_INL = numba.njit(inline='always', nogil=True, error_model='numpy')
+Spacing = tuple[float, ...]  # 4 x 5, see `_to_series`
+Series = tuple[float, float, float, float, float]
 
 
 @dataclass(frozen=True)
@@ -40,210 +64,260 @@ class GridSolution:
     pulled_in: NDArray[np.bool_]
 
 
-def has_one_curve(touch: PreparedTouch) -> bool:
-    """Whether nothing but the drive and the load change with the voltage of `touch`, of shape (f, v)."""
-    c = touch.circuit
-    same = (c.h_m, c.k_gap, c.bypass_per_m, c.leak_per_m_pa, c.gap_shift_m)
-    by_frequency = (x.reshape(touch.shape) for x in same)
-    return all(bool(np.all(x == x[:, :1])) for x in by_frequency) and bool(np.isinf(c.field_limit_v_per_m).all())
-
-
 def solve_grid(table: GapTable, touch: PreparedTouch, load_pa: Array) -> GridSolution:
     """Every frequency and voltage of `touch`, of shape (f, v) with voltage rising, under every one of rising `load_pa`.
 
-    For touches that `has_one_curve` is true of, without bias; their own loads are ignored.
+    For touches without bias; their own loads are ignored.
     """
     circuit = touch.circuit
-    square, added = (x.reshape(touch.shape) for x in (circuit.mean_square_v2, circuit.added_pa))
-
-    def at_frequency(values: Any) -> Any:
-        return np.ascontiguousarray(values.reshape(touch.shape)[:, 0])
-
-    shape = (*touch.shape, load_pa.size)
-    pressure, admittance, pulled_in = np.empty(shape), np.empty(shape), np.zeros(shape, dtype=np.bool_)
+    square, crest, added, limit = (
+        x.reshape(touch.shape)
+        for x in (circuit.mean_square_v2, circuit.crest_square, circuit.added_pa, circuit.field_limit_v_per_m)
+    )
+    h, k_gap, bypass, leak = (
+        x.reshape(touch.shape) for x in (circuit.h_m, circuit.k_gap, circuit.bypass_per_m, circuit.leak_per_m_pa)
+    )
+    stacks = Stack(h, k_gap, bypass, leak, circuit.gap_shift_m.reshape(touch.shape))
     p_hat = np.exp(np.linspace(*LOG_P_AXIS[:2], (LOG_P_AXIS[2] - 1) * NODES_PER_ROW + 1))
+    p_scale, h_scale = circuit.pressure_scale_pa[0], circuit.length_scale_m[0]
+    nodes = Nodes(p_hat * p_scale, 1.0 - area_ratio(table.shape, p_hat), table.values, p_scale, h_scale)
+    least, most = added.min(axis=1), added.max(axis=1)
+    place = travel(stacks, load_pa[0] + least, load_pa[-1] + most, h_scale)
+    knots, counts = choose_knots(place)
+    has_cap, most_knots = bool(np.isfinite(limit).any()), int(counts.max())
+    shape = (*touch.shape, load_pa.size)
+    (pressure, admittance), pulled_in = np.empty((2, *shape)), np.zeros(shape, dtype=np.bool_)
     _solve_grid(
-        table.values, circuit.pressure_scale_pa[0], circuit.length_scale_m[0], p_hat * circuit.pressure_scale_pa[0],
-        1.0 - area_ratio(table.shape, p_hat), at_frequency(circuit.h_m), at_frequency(circuit.k_gap),
-        at_frequency(circuit.bypass_per_m), at_frequency(circuit.leak_per_m_pa), at_frequency(circuit.gap_shift_m),
-        square, added, load_pa, pressure, admittance, pulled_in,
+        stacks, nodes, make_family(most_knots, p_hat.size),
+        make_gap_sums(table.mass, p_hat if has_cap else p_hat[:0], most_knots), place, knots, counts, np.sqrt(nodes.p),
+        _to_series(nodes.p), square, square.max(axis=1), crest * np.abs(square) / limit**2, added, least, most, has_cap,
+        load_pa, pressure, admittance, pulled_in,
     )  # fmt: skip
     return GridSolution(pressure, admittance, pulled_in)
 
 
+def _to_series(p_node: Array) -> Spacing:
+    """How the values at five nodes make a power series from the first, the distance to the second being 1.
+
+    The same around every node, for they lie evenly in the logarithm.
+    """
+    q = np.sqrt(p_node[:5])
+    rows = np.linalg.inv(np.vander((q - q[0]) / (q[1] - q[0]), increasing=True))
+    return tuple(rows[1:].ravel().tolist())
+
+
 @kernel
-def _solve_grid(
-    values: Array, p_scale: float, h_scale: float, p_node: Array, apart: Array, h: ComplexArray, k_gap: ComplexArray,
-    bypass: ComplexArray, leak: ComplexArray, shift: Array, square: Array, added: Array, load: Array,
-    pressure: Array, admittance: Array, pulled_in: NDArray[np.bool_],
+def _solve_grid(  # noqa: PLR0912, PLR0915 (one visible algorithm)
+    stacks: Stack, nodes: Nodes, family: Family, sums: GapSums, place: Array, knots: Integers, counts: Integers,
+    q_node: Array, spacing: Spacing, square: Array, most_square: Array, crest_square: Array, added: Array, least: Array,
+    most: Array, has_cap: bool, load: Array, pressure: Array, admittance: Array, pulled_in: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Per frequency: the curve, then <V^2>(p_e) = <V^2> inverted by Newton's method within the rising part."""
-    log_gain, log_admittance = np.empty(p_node.size), np.empty(p_node.size)
-    cubic, last_answer = np.empty((p_node.size, 8)), np.empty((load.size, 6))
-    limit, limit_gain = np.empty(load.size), np.empty(load.size)
-    step = math.log(p_node[1] / p_node[0])
+    """Per frequency: the curves, then <V^2>(p_e) = <V^2> inverted by Newton's method within the rising part.
+
+    `crest_square` [f, v]: (peak voltage over the field's cap)^2, m^2; `least` and `most` [f] of the pressure `added`.
+    """
+    gain, current, per_q = np.empty(q_node.size), np.empty(q_node.size), np.empty(q_node.size)
+    for j in range(q_node.size - 1):
+        per_q[j] = 1.0 / (q_node[j + 1] - q_node[j])
+    end, end_gain, answer = np.empty(load.size), np.empty(load.size), np.empty((load.size, 7))
+    gains, admittances, straight, capped, lengths, openness = family  # numba counts references whenever a record's
+    gap, mass, mass_below, per_whole, reach, square_distance, lost = sums  # array is named: so not in the loops
+    p_low, p_high = q_node[0] ** 2, q_node[-1] ** 2
     for i in range(square.shape[0]):
-        least, most = np.min(added[i]), np.max(added[i])
-        first = _node_below(p_node, load[0] + least)
-        log_first = math.log(p_node[first])
-        last = _fill_curve(
-            values, p_scale, h_scale, p_node, apart, h[i], k_gap[i], bypass[i], leak[i], shift[i], np.max(square[i]),
-            load[-1] + most, first, log_gain, log_admittance,
-        )  # fmt: skip
-        _fit_cubics(log_gain, log_admittance, first, last, cubic)
-        for n in range(load.size):  # where the least pressure added does not fold, no greater one does
-            limit[n], limit_gain[n] = _fold(cubic, p_node, step, load[n] + least, first, last)
-        last_answer[:, 0] = -1.0
+        count = counts[i]
+        first = _node_below(q_node, math.sqrt(load[0] + least[i]))
+        last = fill_family(stacks, i, knots, count, nodes, first, most_square[i], load[-1] + most[i], family)
+        met, start = np.inf, 0
+        if has_cap:
+            per_whole[:] = 0.0
+            met = cap_is_met_from(lengths, openness, count, first, last)
+            start = first_gap(lengths[0, last])  # the shortest: pressure widens the leak
+        steady, was_capped = count == 1 and not has_cap, False
+        for n in range(load.size):
+            answer[n, 0] = -1.0
         for v in range(square.shape[1]):
-            for n in range(load.size):
-                base = load[n] + added[i, v]
-                pressure[i, v, n] = admittance[i, v, n] = np.nan
-                if not p_node[0] <= base < p_node[-1]:
-                    continue
-                highest, gain = limit[n], limit_gain[n]
-                if highest < p_node[last] and added[i, v] > least:
-                    highest, gain = _fold(cubic, p_node, step, base, first, last)
-                if square[i, v] * gain > highest - base:
-                    pulled_in[i, v, n] = highest < p_node[last]
-                    continue
-                pressure[i, v, n], admittance[i, v, n] = _invert(
-                    cubic, log_first, 1.0 / step, first, last, base, square[i, v], highest, last_answer, n
-                )
-
-
-@kernel
-def _node_below(p_node: Array, p: float) -> int:
-    """First of the four nodes around the pressure `p`."""
-    above = int(np.searchsorted(p_node, p, side="right"))
-    return min(max(above - 2, 0), p_node.size - 4)
-
-
-@kernel
-def _fill_curve(
-    values: Array, p_scale: float, h_scale: float, p_node: Array, apart: Array, h: complex, k_gap: complex,
-    bypass: complex, leak: complex, shift: float, square: float, base: float, first: int,
-    log_gain: Array, log_admittance: Array,
-) -> int:  # fmt: skip
-    """Logarithms of gain and admittance at the nodes from `first` to the returned one.
-
-    That is two beyond the first that takes more than `square` under the highest load, or the table's end.
-    """
-    out = np.empty(3)
-    last = p_node.size - 1
-    for j in range(first, p_node.size):
-        beta = bypass + leak * p_node[j]
-        a = 1.0 + beta * h
-        lookup(values, p_node[j] / p_scale, (k_gap * h / a + shift) / h_scale, out)
-        gain = 0.5 * EPS0 * out[0] / (h_scale * abs(a)) ** 2
-        log_gain[j] = np.log(gain)
-        log_admittance[j] = np.log(density_per_v(beta, a, k_gap, apart[j], out, h_scale))
-        if last == p_node.size - 1 and p_node[j] - base > square * gain:
-            last = max(j + 2, first + 3)
-        if j >= last:
-            return j
-    return p_node.size - 1
-
-
-@kernel
-def _fit_cubics(log_gain: Array, log_admittance: Array, first: int, last: int, cubic: Array) -> None:
-    """Per cell between nodes [first..last], power series of both curves on its four nodes, from the first of them."""
-    for cell in range(first, last):
-        i = min(max(cell - 1, first), last - 3)
-        for k, curve in enumerate((log_gain, log_admittance)):
-            d1 = curve[i + 1] - curve[i]
-            d2 = curve[i + 2] - 2.0 * curve[i + 1] + curve[i]
-            d3 = curve[i + 3] - 3.0 * (curve[i + 2] - curve[i + 1]) - curve[i]
-            cubic[cell, 4 * k] = curve[i]
-            cubic[cell, 4 * k + 1] = d1 - d2 / 2.0 + d3 / 3.0
-            cubic[cell, 4 * k + 2] = (d2 - d3) / 2.0
-            cubic[cell, 4 * k + 3] = d3 / 6.0
-
-
-@kernel
-def _cell(log_first: float, per_log: float, first: int, last: int, p: float) -> tuple[int, float]:
-    """Cell of the pressure `p`, and the place on its cubic; nodes lie 1/`per_log` apart in ln(p)."""
-    x = (math.log(p) - log_first) * per_log + first
-    cell = min(max(int(x), first), last - 1)
-    return cell, x - min(max(cell - 1, first), last - 3)
-
-
-@kernel
-def _cubic(cubic: Array, cell: int, curve: int, t: float) -> tuple[float, float]:
-    """One of the two curves and its slope per node, at the place `t` of a cell."""
-    k = 4 * curve
-    c1, c2, c3 = cubic[cell, k + 1], cubic[cell, k + 2], cubic[cell, k + 3]
-    return cubic[cell, k] + t * (c1 + t * (c2 + t * c3)), c1 + t * (2.0 * c2 + t * 3.0 * c3)
-
-
-@kernel
-def _fold(cubic: Array, p_node: Array, step: float, base: float, first: int, last: int) -> tuple[float, float]:
-    """Total pressure at which V(p_e) first turns back, and the gain there; the last pressure where it never does."""
-    ratio, turn = math.exp(step / FOLD_STEPS), p_node[last]
-    for cell in range(first, last):
-        t = float(cell - min(max(cell - 1, first), last - 3))
-        p = p_node[cell]
-        for k in range(FOLD_STEPS):
-            p *= ratio
-            if p > base and _turned(cubic, cell, t + (k + 1) / FOLD_STEPS, step, p, base):
-                low, high = max(p / ratio, base), p
-                for _ in range(BISECTIONS):
-                    turn = 0.5 * (low + high)
-                    if _turned(cubic, cell, t + math.log(turn / p_node[cell]) / step, step, turn, base):
-                        high = turn
+            is_capped = has_cap and (crest_square[i, v] > met or count > 1)
+            low, high, fresh = first, last, v > 0 and count == 1 and not is_capped and not was_capped
+            was_capped = is_capped
+            if not fresh and (is_capped or count > 1):
+                low, high = _needed(answer, first, last)
+            n, alone = 0, -1
+            while n < load.size:
+                if not fresh:
+                    if is_capped:
+                        for k in range(count):
+                            cap_gains(
+                                gains, lengths, openness, mass, mass_below, gap, per_whole, reach, square_distance,
+                                lost, k, start, crest_square[i, v], low, high, capped,
+                            )  # fmt: skip
+                        if count > 1:
+                            straighten(capped, count, low, high, straight)
+                    if count > 1:
+                        blend(place, knots, count, i, v, low, high, straight, admittances, gain, current)
                     else:
-                        low = turn
-                return low, math.exp(_cubic(cubic, cell, 0, t + math.log(low / p_node[cell]) / step)[0])
-    return turn, math.exp(_cubic(cubic, last - 1, 0, 3.0)[0])  # its last cell's cubic begins three nodes before
+                        copy_curve(capped if is_capped else gains, low, high, gain)
+                        copy_curve(admittances, low, high, current)
+                    fresh = True
+                base, before = load[n] + added[i, v], answer[n, 0]
+                if alone != n:
+                    pressure[i, v, n] = admittance[i, v, n] = np.nan
+                if not p_low <= base < p_high:
+                    n += 1
+                    continue
+                q_low = math.sqrt(base)
+                follows = not steady and before > 0.0 and alone != n
+                if follows:  # the curve has moved: an answer near the last one is on its branch
+                    q_low, q_high, steps = (
+                        max(before * (1.0 / LEAP), q_low),
+                        min(before * LEAP, q_node[last]),
+                        FEW_STEPS,
+                    )
+                else:
+                    if steady and v == 0:  # where the least pressure added does not fold, no greater one does
+                        end[n], end_gain[n] = _fold(gain, q_node, per_q, spacing, first, last, load[n] + least[i])
+                    q_high, gain_there, steps = end[n], end_gain[n], MAX_ITERATIONS
+                    if not steady or (q_high < q_node[last] and added[i, v] > least[i]):
+                        q_high, gain_there = _fold(gain, q_node, per_q, spacing, first, last, base)
+                    if square[i, v] * gain_there > q_high * q_high - base:
+                        pulled_in[i, v, n] = q_high < q_node[last]
+                        answer[n, 0] = -1.0
+                        n += 1
+                        continue
+                found = _search(
+                    gain, q_node, per_q, spacing, first, last, low, high, base, square[i, v], q_low, q_high, steps,
+                    answer, n,
+                )  # fmt: skip
+                if follows and not found:  # once more, below the fold of the whole curve
+                    alone, fresh = n, low == first and high == last
+                    low, high = first, last
+                    continue
+                pressure[i, v, n] = square[i, v] * answer[n, 3]
+                j = _stencil(int(answer[n, 6]), first, last)
+                admittance[i, v, n] = _at(_series(spacing, current, j), (answer[n, 0] - q_node[j]) * per_q[j])[0]
+                n += 1
 
 
 @kernel
-def _turned(cubic: Array, cell: int, t: float, step: float, p: float, base: float) -> bool:
-    """Whether V(p_e) falls at the total pressure `p`: d ln(gain)/d ln(p) is over d ln(p - base)/d ln(p)."""
-    return bool(_cubic(cubic, cell, 0, t)[1] * (p - base) > step * p)
+def _needed(answer: Array, first: int, last: int) -> tuple[int, int]:
+    """Nodes that a search of every load should need, which ends in the last answer's cell or one beside it."""
+    low, high = last, first
+    for n in range(answer.shape[0]):
+        if answer[n, 0] < 0.0:
+            return first, last
+        low, high = min(low, int(answer[n, 6])), max(high, int(answer[n, 6]))
+    return _stencil(max(low - 1, first), first, last), _stencil(min(high + 1, last - 1), first, last) + 4
 
 
 @kernel
-def _invert(
-    cubic: Array, log_first: float, per_log: float, first: int, last: int, base: float, square: float, limit: float,
-    last_answer: Array, n: int,
-) -> tuple[float, float]:  # fmt: skip
-    """Electrostatic pressure and admittance of the one equilibrium between `base` and `limit`.
+def _node_below(q_node: Array, q: float) -> int:
+    """First of the five nodes around the place `q`."""
+    above = 0
+    while above < q_node.size and q_node[above] <= q:
+        above += 1
+    return min(max(above - 2, 0), q_node.size - 5)
 
-    Newton's method from where the last voltage's answer leads along its slope, with what that had missed before.
-    `last_answer` [n]: total pressure (negative for none), base, mean square, gain, compliance, and that miss.
+
+@kernel
+def _stencil(cell: int, first: int, last: int) -> int:
+    """First of the five nodes around a cell."""
+    return min(max(cell - 1, first), last - 4)
+
+
+@kernel
+def _series(spacing: Spacing, y: Array, i: int) -> Series:
+    """The power series through the values at five nodes from `i` on."""
+    m, y0, y1, y2, y3, y4 = spacing, y[i], y[i + 1], y[i + 2], y[i + 3], y[i + 4]
+    return (
+        y0,
+        m[0] * y0 + m[1] * y1 + m[2] * y2 + m[3] * y3 + m[4] * y4,
+        m[5] * y0 + m[6] * y1 + m[7] * y2 + m[8] * y3 + m[9] * y4,
+        m[10] * y0 + m[11] * y1 + m[12] * y2 + m[13] * y3 + m[14] * y4,
+        m[15] * y0 + m[16] * y1 + m[17] * y2 + m[18] * y3 + m[19] * y4,
+    )
+
+
+@kernel
+def _at(series: Series, t: float) -> tuple[float, float]:
+    """Value and slope of a power series at the place `t`."""
+    c0, c1, c2, c3, c4 = series
+    return (
+        c0 + t * (c1 + t * (c2 + t * (c3 + t * c4))),
+        c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * 4.0 * c4)),
+    )
+
+
+@kernel
+def _fold(
+    gain: Array, q_node: Array, per_q: Array, spacing: Spacing, first: int, last: int, base: float
+) -> tuple[float, float]:
+    """q at which V(p_e) first turns back, and the gain there; that of the last node where it never does."""
+    for cell in range(first, last):
+        i = _stencil(cell, first, last)
+        series = _series(spacing, gain, i)
+        step = (q_node[cell + 1] - q_node[cell]) / FOLD_STEPS
+        for k in range(FOLD_STEPS):
+            q = q_node[cell] + (k + 1) * step
+            if q * q > base and _turned(series, q_node[i], per_q[i], q, base):
+                low, high = max(q - step, math.sqrt(base)), q
+                for _ in range(BISECTIONS):
+                    q = 0.5 * (low + high)
+                    if _turned(series, q_node[i], per_q[i], q, base):
+                        high = q
+                    else:
+                        low = q
+                return low, _at(series, (low - q_node[i]) * per_q[i])[0]
+    return q_node[last], gain[last]
+
+
+@kernel
+def _turned(series: Series, start: float, per_q: float, q: float, base: float) -> bool:
+    """Whether V(p_e) falls at q: d ln(gain) is over d ln(p - base)."""
+    gain, slope = _at(series, (q - start) * per_q)
+    return slope * per_q * (q * q - base) > 2.0 * q * gain
+
+
+@_INL
+def _search(
+    gain: Array, q_node: Array, per_q: Array, spacing: Spacing, first: int, last: int, from_node: int, to_node: int,
+    base: float, square: float, low: float, high: float, steps: int, answer: Array, n: int,
+) -> bool:  # fmt: skip
+    """The equilibrium between `low` and `high`, in q; False, and `answer` as it was, where Newton's method finds none.
+
+    The curve is known from `from_node` to `to_node`; an answer elsewhere is none. The search
+    starts where the last voltage's answer leads along its slope, with what that had missed before. `answer` [n]: q
+    (negative for none), base, mean square, gain, compliance dq/dp, that miss, and the cell of the curve.
     """
-    low, high, predicted, missed = base, limit, base, 0.0
-    if last_answer[n, 0] >= 0.0:
-        missed = last_answer[n, 5]
-        moved = last_answer[n, 3] * (square - last_answer[n, 2]) + base - last_answer[n, 1]
-        predicted = last_answer[n, 0] + moved * last_answer[n, 4]
-    p = predicted + missed
-    if not low <= p <= high:
-        p = low
-    gain = compliance = slope = change = t = per_p = 0.0
-    cell = 0
-    for _ in range(MAX_ITERATIONS):
-        cell, t = _cell(log_first, per_log, first, last, p)
-        log_gain, slope = _cubic(cubic, cell, 0, t)
-        gain, per_p = math.exp(log_gain), per_log / p
-        slope *= gain * per_p
-        excess = base + square * gain - p
-        compliance = 1.0 / (1.0 - square * slope)
+    predicted, missed, cell = low, 0.0, first
+    if answer[n, 0] > 0.0:
+        missed, cell = answer[n, 5], min(int(answer[n, 6]), last - 1)
+        predicted = answer[n, 0] + (answer[n, 3] * (square - answer[n, 2]) + base - answer[n, 1]) * answer[n, 4]
+    q = predicted + missed
+    if not low <= q <= high:
+        q = low
+    for _ in range(steps):
+        while cell < last - 1 and q > q_node[cell + 1]:
+            cell += 1
+        while cell > first and q < q_node[cell]:
+            cell -= 1
+        i = _stencil(cell, first, last)
+        if i < from_node or i + 4 > to_node:
+            return False
+        value, slope = _at(_series(spacing, gain, i), (q - q_node[i]) * per_q[i])
+        slope *= per_q[i]
+        excess = base + square * value - q * q
+        compliance = 1.0 / (2.0 * q - square * slope)
         change = excess * compliance
-        if change * change <= TOLERANCE * p * p:
-            break  # what Newton's method leaves is of the order of its last step's square
-        change = 0.0
-        if abs(excess) <= TOLERANCE * p:
-            break
+        if change * change <= TOLERANCE * q * q and compliance > 0.0:
+            # what Newton's method leaves is of the order of its last step's square
+            answer[n, 5] = q + change - predicted if answer[n, 0] > 0.0 else 0.0
+            answer[n, 0], answer[n, 1], answer[n, 2] = q + change, base, square
+            answer[n, 3], answer[n, 4], answer[n, 6] = value + slope * change, compliance, cell
+            return True
         if excess > 0.0:
-            low = p
+            low = q
         else:
-            high = p
-        p += excess * compliance
-        if not low < p < high:
-            p = 0.5 * (low + high)
-    gain += slope * change
-    last_answer[n, 5] = p + change - predicted if last_answer[n, 0] >= 0.0 else 0.0
-    last_answer[n, 0], last_answer[n, 1], last_answer[n, 2] = p + change, base, square
-    last_answer[n, 3], last_answer[n, 4] = gain, compliance
-    return square * gain, math.exp(_cubic(cubic, cell, 1, t + change * per_p)[0])
+            high = q
+        q += change
+        if not low < q < high:
+            q = 0.5 * (low + high)
+    return False

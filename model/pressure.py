@@ -12,7 +12,7 @@ import numpy as np
 
 from model.compiled import kernel, kernel_of_sums
 from model.dielectrics import EPS0, Array, ComplexArray
-from model.gap_table import LOG_P_AXIS, GapTable, gap_nodes, lookup, mass_at
+from model.gap_table import LOG_P_AXIS, LOG_U_AXIS, GapTable, gap_nodes, lookup, mass_at
 
 TOLERANCE = 1e-10
 MAX_ITERATIONS = 200
@@ -69,16 +69,41 @@ def _gain(
 def _kept_share(mass: Array, u: Array, p_hat: float, z_hat: complex, closest: float) -> float:
     """Share of K^ that a cap on the local field leaves; `closest` is |u + z| at which the field meets it, per h_rms."""
     row, weights = mass_at(p_hat)
-    most = 1.0 / (closest * closest)
+    at_p = np.zeros(u.size)
+    for b in range(4):
+        for i in range(u.size):
+            at_p[i] += weights[b] * mass[row + b, i]
+    closest_square = closest * closest
     kept = whole = 0.0
+    reach = 0
     for i in range(u.size):
-        m = 0.0
-        for b in range(4):
-            m += weights[b] * mass[row + b, i]
-        inverse_square = 1.0 / ((u[i] + z_hat.real) ** 2 + z_hat.imag**2)
-        whole += m * inverse_square
-        kept += m * min(inverse_square, most)
+        square_distance = (u[i] + z_hat.real) ** 2 + z_hat.imag**2
+        whole += at_p[i] / square_distance
+        kept += at_p[i] / max(square_distance, closest_square)
+        reach += square_distance < closest_square
+    if 0 < reach < u.size:
+        i = reach
+        below, above = (u[i - 1] + z_hat.real) ** 2 + z_hat.imag**2, (u[i] + z_hat.real) ** 2 + z_hat.imag**2
+        per_closest = 1.0 / closest_square
+        kept += per_closest * edge_of_cap(
+            u[i - 1], u[i], at_p[i - 1], at_p[i], z_hat.real, closest_square, per_closest, below, above
+        )
     return kept / whole
+
+
+@kernel
+def edge_of_cap(
+    u: float, u_next: float, mass: float, mass_next: float, z_real: float, closest_square: float,
+    per_closest: float, below: float, above: float,
+) -> float:  # fmt: skip
+    """What the trapezoid rule in log u misses of the kink where the cap ends, times `closest_square`, 1/`per_closest`.
+
+    Euler-Maclaurin: h^2/2 B2(t) times the jump of the slope, t being the kink's place in its step h, between two
+    neighbouring gaps with |u + z|^2 of `below` and `above`. Without it the force is uneven by 1e-4 from gap to gap.
+    """
+    t = (closest_square - below) / (above - below)
+    weighed = (1.0 - t) * mass * u * (u + z_real) + t * mass_next * u_next * (u_next + z_real)
+    return -LOG_U_AXIS[2] * (t * (t - 1.0) + 1.0 / 6.0) * weighed * per_closest
 
 
 @kernel

@@ -35,11 +35,6 @@ class SelfAffineShape:
         k = 2.0 - 2.0 * self.hurst
         return np.asarray(np.expm1(k * np.log(zeta)) / k)
 
-    def height_variance(self, zeta: Array) -> Array:
-        """h_rms(zeta)^2 of (49) in units of h_rms^2, exact where zeta nears zeta1."""
-        two_h = 2.0 * self.hurst
-        return np.asarray(zeta**-two_h * -np.expm1(-two_h * np.log(self.zeta1 / zeta)))
-
 
 def contact_length_m(hurst: float, h_rms_m: Values, q0_per_m: float, q1_per_m: float) -> Values:
     """Characteristic length L0 of (39) in m, with r(H) of (40) in closed form."""

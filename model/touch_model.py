@@ -171,24 +171,24 @@ class TouchModel:
             time_s=time_s,
         )
         touch = prepare(p, self.description.dielectric, self.description.effects, drive)
-        if not grid.has_one_curve(touch):
-            return self._surface_point_by_point(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s)
         load_pa = normal_force_n / p.contact_area_m2
         solution = grid.solve_grid(self.table, touch, load_pa)
         omega, rms_v, added_pa = (
             x.reshape(touch.shape)[:, :, None] for x in (touch.omega, touch.rms_v, touch.circuit.added_pa)
         )
-        p_e = solution.electrostatic_pressure_pa
-        force = p_e * p.contact_area_m2
-        attraction = (p_e + added_pa) * p.contact_area_m2 if added_pa.any() else force
+        within_theory = solution.electrostatic_pressure_pa <= THEORY_PRESSURE_RATIO * load_pa
+        force, amperes = solution.electrostatic_pressure_pa, solution.admittance_per_m
+        force *= p.contact_area_m2  # in place: fresh memory for a whole surface costs as much as the arithmetic
+        amperes *= EPS0 * p.contact_area_m2 * omega * rms_v
+        attraction = force + added_pa * p.contact_area_m2 if added_pa.any() else force
         stuck = current.stuck_current_per_v(touch.circuit.h_m, touch.omega).reshape(touch.shape)
         answer = SurfaceSolution(
             electrostatic_force_n=force,
             cof=friction.cof(self.description.friction_law, p.cof_off, attraction, normal_force_n, touch.friction),
-            current_rms_a=solution.admittance_per_m * (EPS0 * p.contact_area_m2 * omega * rms_v),
+            current_rms_a=amperes,
             stuck_current_rms_a=p.contact_area_m2 * stuck * rms_v[:, :, 0],
             pulled_in=solution.pulled_in,
-            within_theory=p_e <= THEORY_PRESSURE_RATIO * load_pa,
+            within_theory=within_theory,
         )
         if np.any((drive.voltage_v == 0.0) & (touch.circuit.mean_square_v2.reshape(touch.shape) != 0.0)):
             self._fill_in_undriven(answer, normal_force_n, speed_m_s, time_s)

@@ -19,6 +19,7 @@ from validation.contact_solver import RoughContact, SolvedContact, random_surfac
 HURST, GAMMA = 0.71, 0.45
 WIDEST = 32  # q1/q0 of the surfaces that the theory's error is taken from
 GAP_EDGES_M = np.geomspace(0.05e-6, 200e-6, 41)
+DRAWN_STEP = 0.02  # of magnification: far gaps show steps of 0.1 as hills, see docs/physics.md
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ def theory_shares(pressure_pa: float, gap_m: Array) -> Array:
     """u P(u) of (48) for the widest spectrum: the same per unit of ln u."""
     contact = contact_of(WIDEST)
     u = gap_m / contact.h_rms_m
-    return gap_distribution(contact.shape, pressure_pa / contact.pressure_scale_pa).density(u) * u
+    return gap_distribution(contact.shape, pressure_pa / contact.pressure_scale_pa, DRAWN_STEP).density(u) * u
 
 
 def run(

@@ -10,7 +10,8 @@ from rich.table import Table
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.config import load_model
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError
+from haptic_driver.files import not_written
 from model.errors import ModelError
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def calibrate(
     try:
         write_calibration(found, description, out, data.name)
     except OSError as error:
-        raise HapticError("not_written", f"{out}: cannot be written ({error})", "Choose another --out") from error
+        raise not_written(out, error) from error
     picture = out.with_suffix(".png")
     draw_calibration(found, picture)
     report(as_json, _payload(found, out, picture), lambda: _show(found, out, picture))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
@@ -10,9 +11,10 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from haptic_driver.cli.output import Json, ModelOption, RigOption, progress, report, stdout
+from haptic_driver.cli.output import Json, ModelOption, RigOption, names_of, progress, report, stdout
 from haptic_driver.config import load_model, load_rig, texture_dirs
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError
+from haptic_driver.files import not_written
 from haptic_driver.simulated_rig import SimulatedRig
 from haptic_driver.slides import WITHIN, Score, Slide, SlideRecord, read_slide, render_slide, score, synthetic_slide
 from haptic_driver.stages import tick_settings
@@ -27,7 +29,10 @@ TARGET_BINS = 6
 def demo(
     trace: Annotated[Path | None, typer.Option("--trace", help="CSV: time_s, position_m, normal_force_n.")] = None,
     texture: Annotated[
-        str, typer.Option("--texture", help="Texture: a name in configs/textures or a path.")
+        str,
+        typer.Option(
+            "--texture", help="Texture: a name in configs/textures or a path.", autocompletion=names_of("textures")
+        ),
     ] = "grating",
     out: Annotated[Path, typer.Option("--out", help="Folder for the picture.")] = Path("out/demo"),
     model: ModelOption = "reference",
@@ -72,7 +77,7 @@ def _draw(record: SlideRecord, texture: str, out: Path) -> Path:
         path = out / "friction.png"
         draw_slide(record, f"{texture} under the {record.slide.name}", path)
     except OSError as error:
-        raise HapticError("not_written", f"{out}: cannot be written ({error})", "Choose another --out") from error
+        raise not_written(out, error) from error
     return path
 
 
@@ -80,7 +85,8 @@ def _show(record: SlideRecord, result: Score, slide: Slide, texture: str, pictur
     stdout.print(f"texture {texture}, {slide.name}, on a [bold]simulated[/] rig")
     stdout.print(_table(record))
     share = result.share_within_5_percent
-    stdout.print(f"within 5 % of target: [bold]{share:.1%}[/] of sliding contact time with a reachable target")
+    judged = "nothing to judge: no" if math.isnan(share) else f"[bold]{share:.1%}[/] of"
+    stdout.print(f"within 5 % of target: {judged} sliding contact time with a reachable target")
     stdout.print(
         f"contact {result.contact_time_s:.2f} s, of which sliding {result.sliding_time_s:.2f} s; "
         f"target reachable {result.reachable_share:.1%}; friction error {result.cof_error_rms:.4f} rms"

@@ -10,7 +10,8 @@ from rich.table import Table
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.config import load_model
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError
+from haptic_driver.files import not_written
 from model.errors import ModelError
 
 
@@ -44,7 +45,7 @@ def diagnose(
     try:
         found = write_report(diagnosis, description, out, data.name)
     except OSError as error:
-        raise HapticError("not_written", f"{out}: cannot be written ({error})", "Choose another --out") from error
+        raise not_written(out, error) from error
     report(as_json, found, lambda: _show(found, out))
 
 

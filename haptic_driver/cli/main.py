@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from pydantic import ValidationError
 
 from haptic_driver.cli.output import report_error
 from haptic_driver.errors import BadInputError, HapticError
@@ -41,6 +42,7 @@ COMMANDS = {
     "calibrate": "calibrate.calibrate",
     "study": "study.study",
     "sensitivity": "sensitivity.sensitivity",
+    "explore": "explore.explore",
     "reproduce": "reproduce.reproduce",
     "simulate": "simulate.simulate",
     "doctor": "doctor.doctor",
@@ -85,6 +87,7 @@ def build_app(names: Iterable[str] = COMMANDS) -> typer.Typer:
     app = typer.Typer(
         no_args_is_help=True, add_completion=True, rich_markup_mode="markdown", pretty_exceptions_enable=False,
         help="Friction under a finger: from a target to a safe voltage on an electroadhesive touch screen.",
+        epilog="Exit status: 0 done, 1 failed, 2 what was given cannot be used.",
     )  # fmt: skip
     app.callback()(_options)
     for name in names:
@@ -97,6 +100,19 @@ def build_app(names: Iterable[str] = COMMANDS) -> typer.Typer:
     return app
 
 
+def _being_completed() -> list[str]:
+    """The words behind `haptic` on the line that a shell asks to complete."""
+    line = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS") or ""
+    return line.split()[1:]
+
+
+def _said(error: Any) -> str:
+    """What the parser says, and what it was given."""
+    cause = error.__cause__
+    given = f", not {cause.errors()[0]['input']!r}" if isinstance(cause, ValidationError) else ""
+    return f"{error.format_message()}{given}"
+
+
 def run() -> None:
     """Entry point of the `haptic` script. Exit status: 0 done, 1 failed, 2 bad input."""
     sys.exit(main(sys.argv[1:]))
@@ -104,7 +120,7 @@ def run() -> None:
 
 def main(arguments: list[str]) -> int:
     """Run one command line and return its exit status."""
-    asked = [word for word in arguments[:1] if word in COMMANDS]
+    asked = [word for word in (arguments or _being_completed())[:1] if word in COMMANDS]
     # One command alone would become the whole program, so a second, light one stays beside it.
     app = build_app(dict.fromkeys([*asked, "status"]) if asked else COMMANDS)
     try:
@@ -121,12 +137,15 @@ def main(arguments: list[str]) -> int:
             return BadInputError.exit_status
         context = getattr(error, "ctx", None)
         command = context.command_path if context is not None else "haptic"
-        failure = BadInputError("usage", error.format_message(), f"See: {command} --help")
+        failure = BadInputError("usage", _said(error), f"See: {command} --help")
     except (KeyboardInterrupt, typer.Abort):
         failure = HapticError("interrupted", "interrupted", "The output was switched off where a rig was open")
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        failure = HapticError("system", f"{where}{error.strerror or error}", "Check that path, its rights and its disk")
     else:
         return outcome if isinstance(outcome, int) else 0
     report_error(failure, "--json" in arguments)

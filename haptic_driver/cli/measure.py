@@ -6,14 +6,13 @@ import importlib
 import importlib.util
 import inspect
 import sys
-import tomllib
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from haptic_driver.cli.output import Json, ModelOption, RigOption, progress, report, stderr, stdout
-from haptic_driver.config import RigConfig, load_model, load_rig, parse
+from haptic_driver.cli.output import Json, ModelOption, RigOption, names_of, progress, report, stderr, stdout
+from haptic_driver.config import RigConfig, load_model, load_rig, parse, read_toml
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.bench import SimulatedBench
 from haptic_driver.experiments.data_file import DataFile
@@ -23,7 +22,10 @@ from haptic_driver.rig import OffEvidence
 from haptic_driver.simulated_rig import FrictionLaw, with_hidden
 from model.touch_model import TouchModel
 
-PlanOption = Annotated[str, typer.Option("--plan", help="Plan: a name in configs/plans or a path.")]
+PlanOption = Annotated[
+    str, typer.Option("--plan", help="Plan: a name in configs/plans or a path.", autocompletion=names_of("plans"))
+]
+GIVEN = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "time_s")  # what a --hide-function takes
 OutOption = Annotated[Path, typer.Option("--out", help="CSV to write, one row at a time.")]
 
 
@@ -54,6 +56,8 @@ def measure(
     Example: `haptic measure --rig simulated --plan paper --out data.csv`
     """
     config = _simulated(load_rig(rig))
+    if resume and force:
+        raise BadInputError("usage", "--resume and --force contradict each other", "Give one of them")
     if hide is not None and hide_function is not None:
         raise BadInputError("usage", "--hide and --hide-function both say what friction is", "Give one of them")
     if hide is not None:
@@ -63,8 +67,6 @@ def measure(
     with_hidden(touch, config.simulation.hide)  # refused before anything is written
     experiment = prepare(config, touch, load_plan(plan), seed)
     _tell_refused(experiment, strict)
-    if resume and force:
-        raise BadInputError("usage", "--resume and --force contradict each other", "Give one of them")
     identity = experiment.identity(source)
     opened = DataFile.resume(out, identity, experiment.rows) if resume else DataFile.create(out, identity, force=force)
     total = len(experiment.rows)
@@ -94,7 +96,7 @@ def _simulated(config: RigConfig) -> RigConfig:
     if not config.simulated:
         raise BadInputError(
             "not_simulated",
-            f"rig {config.name} is not simulated, and there is no driver for a real force sensor yet",
+            f"rig {config.name} is not simulated, and haptic measure runs on simulated rigs only so far",
             "Measure on a simulated rig, such as --rig simulated",
         )
     return config
@@ -103,11 +105,10 @@ def _simulated(config: RigConfig) -> RigConfig:
 def _hiding(config: RigConfig, path: Path) -> RigConfig:
     """The rig with the effects of a file hidden in its finger, beside those of its own."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise BadInputError(
-            "bad_hide", f"{path}: cannot be read ({error})", "For example: [series_resistance] resistance_ohm = 2e4"
-        ) from error
+        content = read_toml(path)
+    except BadInputError as error:
+        hint = f"{error.hint}. For example: [series_resistance] resistance_ohm = 2e4"
+        raise BadInputError("bad_hide", error.message, hint) from None
     simulation = config.simulation
     both = {**simulation.model_dump(), "hide": {**simulation.hide, **content}}
     return config.model_copy(update={"simulation": parse(type(simulation), both, str(path))})
@@ -141,7 +142,8 @@ def _function(name: str) -> tuple[FrictionLaw, str]:
         try:
             return float(function(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s))
         except Exception as error:
-            raise HapticError("function_failed", f"--hide-function {name}: raised {error!r}", hint) from error
+            said = f"--hide-function {name}: raised {error!r}"
+            raise HapticError("function_failed", said, f"It is called with {', '.join(GIVEN)}") from error
 
     return law, source
 

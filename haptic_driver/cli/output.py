@@ -15,9 +15,25 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from haptic_driver.errors import HapticError
 
+
+def names_of(kind: str) -> Callable[[], list[str]]:
+    """For shell completion: the names in the config folders of a kind (rigs, models, plans, textures, populations)."""
+
+    def names() -> list[str]:
+        from haptic_driver.config import config_names  # noqa: PLC0415  (slow to import)
+
+        return config_names(kind)
+
+    return names
+
+
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
-ModelOption = Annotated[str, typer.Option("--model", help="Model: a name in configs/models or a path.")]
-RigOption = Annotated[str, typer.Option("--rig", help="Rig: a name in configs/rigs or a path.")]
+ModelOption = Annotated[
+    str, typer.Option("--model", help="Model: a name in configs/models or a path.", autocompletion=names_of("models"))
+]
+RigOption = Annotated[
+    str, typer.Option("--rig", help="Rig: a name in configs/rigs or a path.", autocompletion=names_of("rigs"))
+]
 
 stdout = Console(highlight=False, soft_wrap=True)
 stderr = Console(stderr=True, highlight=False, soft_wrap=True)

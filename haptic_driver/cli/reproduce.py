@@ -12,7 +12,7 @@ from rich.table import Table
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.config import load_model
-from haptic_driver.errors import HapticError
+from haptic_driver.files import not_written
 
 
 def reproduce(
@@ -37,7 +37,7 @@ def reproduce(
         with status("reproducing") as tell:
             files, facts = run(description, wanted, out, tell)
     except OSError as error:
-        raise HapticError("not_written", f"{out}: cannot be written ({error})", "Choose another --out") from error
+        raise not_written(out, error) from error
     payload = {"model": description.name, "files": [str(f) for f in files], "facts": [asdict(f) for f in facts]}
 
     def show() -> None:

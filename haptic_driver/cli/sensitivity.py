@@ -12,7 +12,8 @@ from rich.table import Table
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.config import load_model
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError
+from haptic_driver.files import not_written
 
 FREQUENCIES_HZ = (10.0, 250.0, 1e4)
 
@@ -78,4 +79,4 @@ def _write(path: Path, entries: list[dict[str, str | float]]) -> None:
             writer.writeheader()
             writer.writerows(entries)
     except OSError as error:
-        raise HapticError("not_written", f"{path}: cannot be written ({error})", "Choose another --out") from error
+        raise not_written(path, error) from error

@@ -25,7 +25,10 @@ def solve(
     friction: Annotated[float, typer.Option("--friction", help="Target coefficient of friction.")],
     normal_force: Annotated[float, typer.Option("--normal-force", help="Normal force of the finger, N.")] = 0.5,
     frequency: Annotated[str, typer.Option("--frequency", help="'auto' or a frequency in Hz.")] = "auto",
-    policy: Annotated[str | None, typer.Option("--policy", help=f"One of {', '.join(POLICIES)}.")] = None,
+    policy: Annotated[
+        str | None,
+        typer.Option("--policy", help=f"One of {', '.join(POLICIES)}.", autocompletion=lambda: list(POLICIES)),
+    ] = None,
     model: ModelOption = "reference",
     surface: Annotated[Path | None, typer.Option("--surface", help="Surface file instead of a model.")] = None,
     rig: RigOption = "simulated",
@@ -37,17 +40,17 @@ def solve(
     """
     config = load_rig(rig)
     limits = config.operating_limits()
+    _check(friction, "friction", 1e-3, 10.0, "")
     fixed_hz = _frequency(frequency)
     chosen = _policy(policy, fixed_hz, config.controller.policy)
+    if chosen == "fixed_frequency" and fixed_hz is None and config.controller.fixed_frequency_hz is None:
+        raise BadInputError("bad_frequency", "policy fixed_frequency needs a frequency", "Give --frequency in Hz")
     if surface is not None:
         file = read_surface(surface)
     else:
         file = build_surface(load_model(model), limits, with_interval=True)
-    _check(friction, "friction", 1e-3, 10.0, "")
     low_n, high_n = float(file.normal_force_n[0]), float(file.normal_force_n[-1])
     _check(normal_force, "normal force", low_n, high_n, " N")
-    if chosen == "fixed_frequency" and fixed_hz is None and config.controller.fixed_frequency_hz is None:
-        raise BadInputError("bad_frequency", "policy fixed_frequency needs a frequency", "Give --frequency in Hz")
     settings = ControllerSettings(
         ready_for_lookup(file, limits),
         policy=chosen,

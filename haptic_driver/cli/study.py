@@ -10,11 +10,14 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from haptic_driver.cli.output import Json, progress, report, stdout
+from haptic_driver.cli.output import Json, names_of, progress, report, stdout
 
 
 def study(
-    plan: Annotated[str, typer.Argument(help="Study: a name in configs/populations or a path.")],
+    plan: Annotated[
+        str,
+        typer.Argument(help="Study: a name in configs/populations or a path.", autocompletion=names_of("populations")),
+    ],
     out: Annotated[Path, typer.Option("--out", help="Folder of results; a study stopped there goes on.")] = Path(
         "study"
     ),

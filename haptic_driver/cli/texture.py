@@ -10,7 +10,7 @@ from rich.table import Table
 
 from haptic_driver.cli import control
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
+from haptic_driver.cli.output import Json, ModelOption, RigOption, names_of, report, stdout
 from haptic_driver.config import RigConfig, load_model, load_rig, texture_dirs
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.controller import Controller, ControllerSettings
@@ -20,7 +20,9 @@ from haptic_driver.textures.library import load, texture_names
 from haptic_driver.textures.reach import WEBER, Demand, demand
 
 app = typer.Typer(no_args_is_help=True, help="List, draw, check and play textures.")
-Name = Annotated[str, typer.Argument(help="Texture: a name in configs/textures or a path.")]
+Name = Annotated[
+    str, typer.Argument(help="Texture: a name in configs/textures or a path.", autocompletion=names_of("textures"))
+]
 
 
 @app.command("list")

@@ -233,7 +233,7 @@ class Daemon:
                 simulated=self.settings.config.simulated,
                 rig=self.settings.config.name,
                 texture=self._target_name if rendering else None,
-                target_cof=_finite(output.target_cof) if rendering else None,
+                target_cof=self._asked_cof(output) if rendering else None,
                 measured_cof=self._measured_cof(),
                 frequency_hz=output.frequency_hz if rendering and self._pump.output_on else None,
                 voltage_v=output.voltage_v if rendering else 0.0,
@@ -464,6 +464,12 @@ class Daemon:
         if event.state is RigState.TRIPPED:
             self._flags |= Flag.TRIPPED
             self._events.tell("trip", event.reason)
+
+    def _asked_cof(self, output: Output) -> float | None:
+        """What was asked for, also before render has taken it up; for a texture what it asks under the finger."""
+        if isinstance(self._target, Uniform):
+            return self._target.cof
+        return _finite(output.target_cof) if output.target == self._order.target else None
 
     def _flags_of(self, output: Output) -> Flag:
         """What render flags, unless it has not heard of the present arming yet."""

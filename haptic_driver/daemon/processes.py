@@ -125,7 +125,10 @@ class Place:
     def __init__(self, path: Path) -> None:
         self.path = path
         _private_folder(path.parent)
-        self._lock = os.open(path.with_name(path.name + ".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            self._lock = os.open(path.with_name(path.name + ".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        except OSError as error:
+            raise _no_socket(path, error) from error
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -162,9 +165,11 @@ class Place:
                 os.umask(before)
             self.listener.listen(128)
         except OSError as error:
-            raise HapticError(
-                "no_socket", f"{self.path}: cannot listen there ({error})", "choose another --socket, a short path"
-            ) from error
+            raise _no_socket(self.path, error) from error
+
+
+def _no_socket(path: Path, error: OSError) -> HapticError:
+    return HapticError("no_socket", f"{path}: cannot listen there ({error})", "choose another --socket, a short path")
 
 
 def _private_folder(folder: Path) -> None:

@@ -18,9 +18,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TextIO
 
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.average import Friction
 from haptic_driver.experiments.plan import Row
+from haptic_driver.files import not_written
 
 SETTING_COLUMNS = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "session", "trial")
 COLUMNS = (
@@ -65,15 +66,18 @@ class DataFile:
     @classmethod
     def create(cls, path: Path, identity: Identity, *, force: bool = False) -> Self:
         """A new file, with its header and sidecar; BadInputError where one exists, unless `force`."""
+        if path.is_dir():
+            raise BadInputError("file_exists", f"{path}: is a folder, not a file", "Name a file in it as --out")
         if path.exists() and not force:
             raise BadInputError("file_exists", f"{path}: exists already", "Give --resume, --force or another --out")
         try:
+            path.parent.mkdir(parents=True, exist_ok=True)
             path.unlink(missing_ok=True)
             _write_whole(meta_path(path), json.dumps(identity.meta(secrets.token_hex(16)), indent=1) + "\n")
             data = cls(path.open("x", encoding="utf-8", newline=""), identity.simulated)
             data._write(COLUMNS)
         except OSError as error:
-            raise _not_written(path, error) from error
+            raise not_written(path, error) from error
         return data
 
     @classmethod
@@ -104,7 +108,7 @@ class DataFile:
         try:
             self._write([*setting[:3], *answer, setting[3], f"{time_s:.6f}", *setting[4:], simulated])
         except OSError as error:
-            raise _not_written(Path(self._file.name), error) from error
+            raise not_written(Path(self._file.name), error) from error
         self.done += 1
         self.last_time_s = time_s
 
@@ -135,6 +139,9 @@ def _setting_texts(row: Row) -> list[str]:
 
 def _check_identity(path: Path, identity: Identity) -> None:
     sidecar = meta_path(path)
+    if not sidecar.exists():
+        said = f"{path}: cannot be continued: haptic measure did not write it ({sidecar.name} is missing)"
+        raise BadInputError("not_resumable", said, HINT)
     try:
         found = json.loads(sidecar.read_text(encoding="utf-8"))
         expected = identity.meta(str(found["salt"]))
@@ -168,7 +175,3 @@ def _write_whole(path: Path, text: str) -> None:
         file.flush()
         os.fsync(file.fileno())
     partial.replace(path)
-
-
-def _not_written(path: Path, error: OSError) -> HapticError:
-    return HapticError("not_written", f"{path}: cannot be written ({error.strerror})", "Choose another --out")

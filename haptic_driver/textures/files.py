@@ -16,42 +16,18 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.files import read_bytes, read_text
 from haptic_driver.textures.description import HIGHEST_COF, LOWEST_COF
 
 FloatArray = NDArray[np.float64]
 
 LARGEST_MAP_PIXELS = 64_000_000
-LARGEST_FILE_BYTES = 1 << 30
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_GREY = 0  # colour type of the PNG specification, section 11.2.1
 # What Pillow and numpy raise on damaged files, found by feeding them such files.
 PNG_DAMAGE = (OSError, ValueError, SyntaxError, EOFError, struct.error, zlib.error)
 NPY_DAMAGE = (OSError, ValueError, SyntaxError, EOFError, tokenize.TokenError, zipfile.BadZipFile, MemoryError)
-
-
-def read_bytes(path: Path) -> bytes:
-    """The whole file."""
-    try:
-        if path.stat().st_size > LARGEST_FILE_BYTES:
-            raise BadInputError(
-                "file_too_large", f"{path} has more than {LARGEST_FILE_BYTES >> 20} MiB", "use a smaller map"
-            )
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise BadInputError("file_not_found", f"{path} does not exist", "check the name and the folder") from None
-    except (OSError, ValueError) as error:
-        raise BadInputError("file_unreadable", f"{path} cannot be read: {error}", "check what it is") from None
-
-
-def read_text(path: Path) -> str:
-    """The whole file as UTF-8, with or without a byte order mark."""
-    try:
-        return read_bytes(path).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise BadInputError(
-            "file_unreadable", f"{path} is not UTF-8 text (byte {error.start})", "save it as UTF-8"
-        ) from None
 
 
 def read_map(path: Path) -> FloatArray:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.textures import files
+from haptic_driver.files import read_text
 from haptic_driver.textures.description import FINEST_MM
 
 FloatArray = NDArray[np.float64]
@@ -58,7 +58,7 @@ def read(path: Path) -> tuple[FloatArray, FloatArray]:
 
 def _json(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(files.read_text(path))
+        content = json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
         raise _refused(path, f"is not JSON: {error}", "a .hjif file is JSON; binary files are not supported") from None
     if not isinstance(content, dict) or not isinstance(content.get("perceptions"), list):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.files import read_text
 from haptic_driver.render.texture import FrictionMap, Placed, Profile, Target, Texture, Uniform
 from haptic_driver.textures import description, files, formulas, hjif, script
 from haptic_driver.textures.description import nearest
@@ -105,7 +106,7 @@ def _load_file(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
 
 def _load_toml(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
     try:
-        content = tomllib.loads(files.read_text(path))
+        content = tomllib.loads(read_text(path))
     except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
         raise BadInputError("bad_texture", f"{path} is not TOML: {error}", "write lines such as: cof = 0.60") from None
     described = description.parse(content, path)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
-from haptic_driver.errors import HapticError
+from haptic_driver.files import write_picture
 from haptic_driver.render.texture import Script, Target, Texture
 from haptic_driver.signals import FingerState
 
@@ -105,11 +105,6 @@ def _centres(length_m: float, count: int) -> FloatArray:
 
 def _save(figure: Any, path: Path) -> None:
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=110)
-    except (OSError, ValueError) as error:
-        raise HapticError(
-            "not_written", f"{path}: picture cannot be written ({error})", "choose another --out"
-        ) from error
+        write_picture(figure, path)
     finally:
         plt.close(figure)

@@ -118,3 +118,13 @@ def test_a_contact_pressed_flat_has_no_gap() -> None:
     shape = SelfAffineShape(0.8, 10.0, 0.45)
     assert mean_gap(shape, 100.0) == 0.0
     assert float(area_ratio(shape, 100.0)) == 1.0  # erf(100/...) is 1 in doubles
+
+
+def test_far_gaps_form_a_tail_and_no_bump() -> None:
+    """Beyond five h_rms at 100 kPa: what looks like a bump at the step of the integrals is one hill per step."""
+    shape, p_hat = SelfAffineShape(0.71, 1e7, 0.45), 0.375
+    far = np.linspace(5.5, 9.0, 60)
+    coarse, fine = (gap_distribution(shape, p_hat, step) for step in (0.1, 0.02))
+    assert (np.diff(coarse.density(far)) > 0.0).any()
+    assert (np.diff(fine.density(far)) < 0.0).all()
+    assert fine.weight[fine.separation > 5.0].sum() == pytest.approx(3.07e-4, rel=0.02)

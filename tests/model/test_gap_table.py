@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from model import contact
 from model import gap_table as module
 from model.contact import area_ratio
 from model.gap_table import GapTable, gap_integrals, gap_table, lookup
@@ -281,6 +282,10 @@ class TestCache:
         ):
             with monkeypatch.context() as patch:
                 patch.setattr(module, constant, value)
+                hashes.append(GapTable(SHAPE, np.zeros(NODES), np.zeros(3)).content_hash)
+        for constant in ("ZETA_MINUS_ONE_LOW", "LOGISTIC_END", "X_NEGLIGIBLE", "S_NODES"):
+            with monkeypatch.context() as patch:
+                patch.setattr(contact, constant, -1)
                 hashes.append(GapTable(SHAPE, np.zeros(NODES), np.zeros(3)).content_hash)
         assert len(set(hashes)) == len(hashes)
 
