@@ -1,23 +1,67 @@
-"""Every `haptic` command shown in README and docs runs as shown."""
+"""Every command shown in README and docs: run as shown, in a session with a daemon, or at least parsed.
+
+Blocks marked `sh` run as they stand. Of those marked `text`, what needs a daemon runs against one; the rest, and
+commands in running text, must be understood by the program's own parser. Targets of make and extras of pip must exist.
+"""
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import httpx
 import pytest
+import typer
 
-from haptic_driver.cli.main import main
+from haptic_driver.cli.main import COMMANDS, build_app, main
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+SCRIPT = Path(sys.executable).with_name("haptic")
+HANG_S = 120.0
+
+SERVED = "haptic daemon run --rig simulated --port 8470"  # what sessions begin with
+UNTIL_CTRL_C = ("haptic arm", "haptic watch")
+ASKS_DAEMON = ("arm", "set", "texture play", "off", "disarm", "reset", "status", "watch", "record")
+PLACEHOLDERS = {"MU": "0.6", "T": "linen", "FILE": "run.h5", "DIR": "out", "...": ""}
 
 
-def commands(page: Path) -> list[str]:
-    blocks = re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-    lines = [line.partition("  #")[0].strip() for block in blocks for line in block.splitlines()]
-    return [line for line in lines if line.startswith("haptic ")]
+def blocks(page: Path, mark: str) -> list[str]:
+    """The lines of each fenced block of that mark, without prompts and what is said behind them."""
+    fenced = re.findall(r"^```(\w*)\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    return ["\n".join(map(bare, block.splitlines())) for marked, block in fenced if marked == mark]
+
+
+def bare(line: str) -> str:
+    """A line without its prompt, what is said behind it, and the variables before it."""
+    line = re.split(r"  +", line.removeprefix("$ ").strip())[0]
+    return re.sub(r"^(\w+=\S+ )+(?=haptic )", "", line)
+
+
+def commands(page: Path, mark: str) -> list[str]:
+    return [line for block in blocks(page, mark) for line in block.splitlines() if line.startswith("haptic ")]
+
+
+def mentioned(page: Path) -> list[str]:
+    """Commands in running text."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    return re.findall(r"`(haptic [^`\n]+)`", text)
+
+
+def name_of(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+# --- blocks that run as they stand -----------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -30,18 +74,180 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_commands_run_as_shown(page: Path, reader: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for command in commands(page):
+    for command in commands(page, "sh"):
         status = main(shlex.split(command)[1:])
         assert status == 0, f"{command}\n{capsys.readouterr().err}"
 
 
 def test_the_readme_shows_commands_at_all() -> None:
-    assert len(commands(ROOT / "README.md")) >= 5
+    assert len(commands(ROOT / "README.md", "sh")) >= 5
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_no_command_hides_in_a_block_without_a_mark(page: Path) -> None:
+    assert commands(page, "") == []
+    assert not re.search(r"^ {4}haptic [a-z]", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+
+
+# --- sessions with a daemon ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
+    """The environment of a reader in whose terminal `SERVED` runs, at its usual place; ended by Ctrl-C.
+
+    Its port is any free one.
+    """
+    home = tmp_path_factory.mktemp("run")
+    home.chmod(0o700)
+    environment = {name: value for name, value in os.environ.items() if name != "HAPTIC_SOCKET"}
+    environment["XDG_RUNTIME_DIR"] = str(home)
+    words = [SCRIPT, *shlex.split(SERVED.replace("8470", "0"))[1:]]
+    with (
+        (home / "log").open("w") as log,
+        subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, stderr=log, text=True) as process,
+    ):
+        assert process.stdout is not None
+        assert "is ready at" in process.stdout.readline(), (home / "log").read_text()
+        page = process.stdout.readline().partition("page, for you alone: ")[2].strip()
+        assert "<title>" in httpx.get(page, timeout=HANG_S, trust_env=False).text
+        yield environment
+        process.send_signal(signal.SIGINT)
+        assert process.wait(HANG_S) == 0, (home / "log").read_text()
+
+
+def test_the_readme_begins_its_session_like_this() -> None:
+    assert SERVED in commands(ROOT / "README.md", "text")
+
+
+def sessions() -> list[Path]:
+    return [page for page in PAGES if any(asks_daemon(line) for line in commands(page, "text"))]
+
+
+def asks_daemon(line: str) -> bool:
+    return line.removeprefix("haptic ").startswith(ASKS_DAEMON)
+
+
+@pytest.mark.parametrize("page", sessions(), ids=name_of)
+def test_a_session_with_the_daemon_runs_as_shown(
+    page: Path,
+    daemon: dict[str, str],
+    reader: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """One terminal for each command that runs until Ctrl-C, one for all others."""
+    monkeypatch.delenv("HAPTIC_SOCKET", raising=False)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", daemon["XDG_RUNTIME_DIR"])
+    terminals: dict[str, subprocess.Popen[str]] = {}
+    try:
+        for line in filter(asks_daemon, commands(page, "text")):
+            words = shlex.split(line)[1:]
+            if line in UNTIL_CTRL_C:
+                terminal = subprocess.Popen([SCRIPT, *words], env=daemon, stdout=subprocess.PIPE, text=True)
+                terminals[line] = terminal
+                assert terminal.stdout is not None
+                assert terminal.stdout.readline(), line
+            elif "--detach" in words:
+                subprocess.run([SCRIPT, *words], env=daemon, timeout=HANG_S, check=True)
+            else:
+                assert main(words) == 0, f"{line}\n{capsys.readouterr().err}"
+    finally:
+        main(["disarm"])  # `haptic arm` ends with it
+        for line, terminal in terminals.items():
+            if line != "haptic arm":
+                terminal.send_signal(signal.SIGINT)
+            terminal.communicate(timeout=HANG_S)
+    assert {line: terminal.returncode for line, terminal in terminals.items()} == dict.fromkeys(terminals, 0)
+
+
+def test_requests_by_curl_run_as_shown(daemon: dict[str, str]) -> None:
+    """The block of `docs/daemon.md`, by a shell, with the token that `/arm` gave for TOKEN."""
+    if shutil.which("curl") is None:
+        pytest.skip("no curl")
+    (block,) = [block for block in blocks(ROOT / "docs" / "daemon.md", "text") if "curl " in block]
+    place, *lines = block.splitlines()
+    assert len(lines) >= 5
+    token = "TOKEN"
+    for line in lines:
+        script = f"{place}\n{line.replace('TOKEN', token)} --silent --show-error --fail-with-body"
+        done = subprocess.run(
+            ["sh", "-c", script], env=daemon, capture_output=True, text=True, timeout=HANG_S, check=False
+        )
+        assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
+        if found := re.search(r'"token":\s*"([^"]+)"', done.stdout):
+            token = found[1]
+    assert token != "TOKEN"
+
+
+# --- everything else is understood -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def program() -> Any:
+    return typer.main.get_command(build_app())
+
+
+def understood(program: Any, line: str) -> bool:
+    """Parse a command line to its end without running it; raises what the parser says. False for no command."""
+    words = [PLACEHOLDERS.get(word, word) for word in shlex.split(line)[1:]]
+    if words[0].startswith("-"):
+        return any(words == [flag] for option in program.params for flag in option.opts) or words == ["--help"]
+    context, command = program.make_context("haptic", list(words)), program
+    while hasattr(command, "resolve_command"):
+        rest = [*context._protected_args, *context.args]
+        if not rest:
+            return False  # a group alone
+        name, command, rest = command.resolve_command(context, rest)
+        context = command.make_context(name, rest, parent=context)
+    return True
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_that_are_only_shown_are_understood(page: Path, program: Any) -> None:
+    for line in commands(page, "text"):
+        assert understood(program, line), line
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_in_running_text_are_understood(page: Path, program: Any) -> None:
+    """One that is only named must be there; one with options or arguments must be right to the end."""
+    for line in mentioned(page):
+        words = line.split()[1:]
+        group = words[0] in COMMANDS and "." not in COMMANDS[words[0]]
+        only_named = len(words) <= (2 if group else 1) and not words[0].startswith("-")
+        assert known(program, words) if only_named else understood(program, line), line
+
+
+def known(program: Any, words: list[str]) -> bool:
+    commands = program.commands
+    for word in words:
+        if word not in commands:
+            return False
+        commands = getattr(commands[word], "commands", {})
+    return True
+
+
+def test_an_option_that_is_not_there_would_be_found(program: Any) -> None:
+    for line in ("haptic solve --frction 0.6", "haptic daemon start", "haptic set much", "haptic nothing"):
+        with pytest.raises(Exception, match=r"No such|valid number"):
+            understood(program, line)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_targets_of_make_and_extras_of_pip_exist(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    for target in re.findall(r"(?:`|^)make ([a-z-]+)", text, flags=re.MULTILINE):
+        assert target in targets, target
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    for extra in re.findall(r"haptic-driver\[(\w+)\]", text):
+        assert extra in extras, extra
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_links_and_pictures_exist(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)", page.read_text(encoding="utf-8")):
         if not target.startswith("http"):

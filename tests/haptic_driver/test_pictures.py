@@ -71,8 +71,22 @@ def test_a_force_off_the_surface(small_file, tmp_path, force_n):
     assert "0.1 to 2 N" in refused.value.hint
 
 
-@pytest.mark.parametrize("name", ["surface.xyz", "none/surface.png"])
+@pytest.mark.parametrize("name", ["surface.xyz", "surface", "folder"])
+def test_a_name_that_no_picture_has(small_file, tmp_path, name):
+    """matplotlib would write surface.png, and the user look for surface."""
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(BadInputError) as refused:
+        draw_surface(small_file, 0.5, tmp_path / name)
+    assert refused.value.code == "bad_ending"
+    assert name in refused.value.message
+    assert ".png" in refused.value.hint
+    assert [p.name for p in tmp_path.iterdir()] == ["folder"]
+
+
+@pytest.mark.parametrize("name", ["folder.png", "file/surface.png"])
 def test_a_picture_that_cannot_be_written(small_file, tmp_path, name):
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "file").write_text("")
     with pytest.raises(HapticError) as failed:
         draw_surface(small_file, 0.5, tmp_path / name)
     assert failed.value.code == "not_written"

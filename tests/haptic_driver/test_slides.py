@@ -26,7 +26,7 @@ def rows(count=20, step_s=0.005, start_s=0.0):
 def refused(path):
     with pytest.raises(BadInputError) as error:
         read_slide(path)
-    assert error.value.code == "bad_slide"
+    assert error.value.code in ("bad_slide", "bad_table", "missing_column", "not_a_number")
     assert str(path) in error.value.message
     assert error.value.hint
     return error.value
@@ -118,10 +118,17 @@ def test_an_empty_file(tmp_path):
 
 
 def test_no_file_a_folder_and_bytes(tmp_path):
-    assert "cannot be read" in refused(tmp_path / "none.csv").message
-    assert "cannot be read" in refused(tmp_path).message
+    assert "does not exist" in refused(tmp_path / "none.csv").message
+    assert "is a folder" in refused(tmp_path).message
     (tmp_path / "slide.csv").write_bytes(b"\x89PNG\r\n\x1a\n\xff")
-    assert "cannot be read" in refused(tmp_path / "slide.csv").message
+    assert "is not UTF-8 text" in refused(tmp_path / "slide.csv").message
+
+
+@pytest.mark.parametrize("force_n", ["0", "-0.5"])
+def test_a_finger_that_never_touches_is_no_slide(tmp_path, force_n):
+    """A force of the wrong sign would give an empty result without a word."""
+    lines = [line.replace(",0.5", f",{force_n}") for line in rows()]
+    assert "never touches" in refused(write(tmp_path, lines)).message
 
 
 def test_a_field_that_csv_refuses_is_no_traceback(tmp_path):

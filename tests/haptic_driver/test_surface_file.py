@@ -107,7 +107,7 @@ def test_a_failed_write_leaves_nothing_behind(small_file, tmp_path):
     (tmp_path / "taken.h5").mkdir()
     with pytest.raises(HapticError) as failed:
         small_file.write(tmp_path / "taken.h5")
-    assert failed.value.code == "surface_not_written"
+    assert failed.value.code == "not_written"
     assert failed.value.exit_status == 1
     assert [p.name for p in tmp_path.iterdir()] == ["taken.h5"]
 

@@ -11,8 +11,8 @@ import pytest
 SCRIPT = Path(sys.executable).with_name("haptic")
 COMMANDS = [
     *([name] for name in (
-        "predict", "solve", "demo", "measure", "diagnose", "calibrate", "study", "sensitivity", "reproduce", "simulate",
-        "doctor", "arm", "set", "off", "disarm", "reset", "status", "watch", "record", "export",
+        "predict", "solve", "demo", "measure", "diagnose", "calibrate", "study", "sensitivity", "explore", "reproduce",
+        "simulate", "doctor", "arm", "set", "off", "disarm", "reset", "status", "watch", "record", "export",
     )),
     ["surface", "build"], ["surface", "info"], ["surface", "plot"],
     ["texture", "list"], ["texture", "preview"], ["texture", "check"], ["texture", "play"], ["daemon", "run"],
@@ -80,7 +80,8 @@ def test_bad_input_with_json_says_the_same_on_stdout(haptic, arguments, code, wo
 
 
 def test_a_failure_is_status_1(haptic, surface_path, tmp_path):
-    done = haptic("surface", "plot", surface_path, "--out", tmp_path / "none" / "s.png", "--json")
+    (tmp_path / "file").write_text("")
+    done = haptic("surface", "plot", surface_path, "--out", tmp_path / "file" / "s.png", "--json")
     assert done.status == 1
     assert one_json_object(done.out)["error"]["code"] == "not_written"
     assert done.err.startswith("error: ")
@@ -111,6 +112,10 @@ def test_without_a_command_help_is_shown_and_no_empty_error(haptic, group):
     assert done.status == 2
     assert "Usage: haptic" in done.out + done.err
     assert "error: \n" not in done.err
+
+
+def test_help_says_what_the_exit_status_means(haptic):
+    assert "Exit status: 0 done, 1 failed, 2 what was given cannot be used." in " ".join(haptic("--help").out.split())
 
 
 def test_version(haptic):

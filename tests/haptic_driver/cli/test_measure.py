@@ -81,7 +81,7 @@ def test_a_rig_that_is_not_simulated_is_refused(plan: str, capsys: pytest.Captur
     real = shipped.read_text().replace("simulated = true", "simulated = false")
     Path("real.toml").write_text(real.replace('resource = "simulated"', 'resource = "TCPIP::127.0.0.1::1::SOCKET"'))
     assert main(["measure", "--rig", "real.toml", "--plan", plan, "--out", "data.csv"]) == 2
-    assert "no driver for a real force sensor" in " ".join(capsys.readouterr().err.split())
+    assert "runs on simulated rigs only" in " ".join(capsys.readouterr().err.split())
 
 
 def cofs() -> list[float]:
@@ -119,7 +119,7 @@ def test_a_function_outside_the_catalogue(plan: str, capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--hide", "missing.toml"], "cannot be read"),
+        (["--hide", "missing.toml"], "does not exist"),
         (["--hide", "bad.toml"], "series_resistanse"),
         (["--hide", "short.toml"], "hide"),
         (["--hide-function", "nowhere:friction"], "cannot be loaded"),

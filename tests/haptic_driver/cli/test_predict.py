@@ -2,9 +2,11 @@
 
 import csv
 import json
+from pathlib import Path
 
 import pytest
 
+MODELS = Path(__file__).parents[3] / "configs" / "models"
 ADDED = ["electrostatic_force_n", "cof", "current_rms_a"]
 BASE = "frequency_hz,voltage_v,normal_force_n"
 
@@ -73,6 +75,72 @@ def test_answers_of_an_earlier_run_are_replaced(predict):
     _, _, rows = predict(f"{BASE},{','.join(ADDED)},note\n250,75,0.5,9,9,9,kept\n")
     assert rows[0] == [*BASE.split(","), "note", *ADDED]
     assert numbers(rows, "cof") == pytest.approx([0.615205], rel=AGREED)
+
+
+def test_measured_friction_is_kept_beside_the_answer(haptic, tmp_path):
+    table, out = tmp_path / "data.csv", tmp_path / "out.csv"
+    table.write_text(f"cof,{BASE},note\n0.61,250,75,0.5,first\n")
+    done = haptic("predict", "--table", table, "--out", out)
+    rows = list(csv.reader(out.read_text(encoding="utf-8").splitlines()))
+    assert rows[0] == ["cof_measured", *BASE.split(","), "note", *ADDED]
+    assert rows[1][:5] == ["0.61", "250", "75", "0.5", "first"]
+    assert numbers(rows, "cof") == pytest.approx([0.615205], rel=AGREED)
+    assert "column cof" in done.err
+    assert "cof_measured" in done.err
+    again = tmp_path / "again.csv"
+    assert haptic("predict", "--table", out, "--out", again).status == 0
+    assert again.read_bytes() == out.read_bytes()
+
+
+def test_two_columns_of_one_name_are_never_written(predict):
+    status, said, rows = predict(f"{BASE},cof,cof_measured\n250,75,0.5,0.6,0.6\n")
+    assert status == 2
+    assert "cof and cof_measured" in said["error"]["message"]
+    assert rows == []
+
+
+def test_speed_and_time_reach_the_effects_that_need_them(predict, tmp_path):
+    """Friction at v = 10 v_ref, and t = 100 T: by the formulas of the catalogue."""
+    model = tmp_path / "finger.toml"
+    effects = """
+[effects.velocity_dependent_friction]
+exponent = { value = 0.1, source = "made up" }
+[effects.contact_ageing]
+share = { value = 0.5, source = "made up" }
+time_constant_s = { value = 30.0, source = "made up" }
+"""
+    model.write_text((MODELS / "reference.toml").read_text(encoding="utf-8") + effects, encoding="utf-8")
+    status, said, rows = predict(
+        f"{BASE},speed_m_s,time_s\n,0,0.5,0.2,3000\n,0,0.5,0.02,3000\n,0,0.5,,3000\n,0,0.5,,\n", "--model", str(model)
+    )
+    assert status == 0, said
+    fast, at_reference, unsaid, young = numbers(rows, "cof")
+    assert fast == pytest.approx(at_reference * 10.0**0.1, rel=1e-6)
+    assert unsaid == at_reference
+    assert young == pytest.approx(0.5 * at_reference, rel=1e-6)
+
+
+def test_what_the_printed_equations_cannot_answer_is_said(haptic, tmp_path):
+    table = tmp_path / "conditions.csv"
+    table.write_text(f"{BASE}\n250,75,0.5\n250,600,0.5\n")
+    done = haptic("predict", "--table", table, "--out", tmp_path / "out.csv", "--model", "published", "--json")
+    assert "note: 1 of 2 conditions: (31) as printed diverges" in done.err
+    assert "note" not in done.out
+
+
+def test_a_table_is_replaced_whole_or_not_at_all(haptic, tmp_path, monkeypatch):
+    table = tmp_path / "conditions.csv"
+    table.write_text(f"{BASE}\n250,75,0.5\n")
+    before = table.read_bytes()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.replace", full)
+        assert haptic("predict", "--table", table, "--out", table).status == 1
+    assert table.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == [table.name]
 
 
 def test_without_voltage_the_frequency_may_be_left_empty(predict):
@@ -168,7 +236,7 @@ def test_a_column_that_stands_twice_is_refused(predict):
 def test_an_out_that_cannot_be_written_is_a_failure(haptic, tmp_path):
     table = tmp_path / "conditions.csv"
     table.write_text(f"{BASE}\n250,75,0.5\n")
-    done = haptic("predict", "--table", table, "--out", tmp_path / "none" / "out.csv", "--json")
+    done = haptic("predict", "--table", table, "--out", table / "out.csv", "--json")
     assert done.status == 1
     assert json.loads(done.out)["error"]["code"] == "not_written"
 
@@ -178,4 +246,4 @@ def test_bytes_instead_of_a_table(haptic, tmp_path, content):
     (tmp_path / "table.csv").write_bytes(content)
     done = haptic("predict", "--table", tmp_path / "table.csv", "--out", tmp_path / "out.csv")
     assert done.status == 2
-    assert "cannot be read" in done.err
+    assert "is not UTF-8 text" in done.err

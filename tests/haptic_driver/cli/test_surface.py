@@ -110,4 +110,4 @@ def test_an_out_that_cannot_be_written(haptic, tmp_path):
     (tmp_path / "file").write_text("")
     done = haptic("surface", "build", "--out", tmp_path / "file" / "s.h5", *SMALL, "--json")
     assert done.status == 1
-    assert json.loads(done.out)["error"]["code"] == "surface_not_written"
+    assert json.loads(done.out)["error"]["code"] == "not_written"

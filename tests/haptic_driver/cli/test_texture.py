@@ -81,7 +81,7 @@ def test_check_flags_what_is_out_of_reach(haptic, surface_path, own_configs):
         (["preview", "linnen"], 2, "unknown_texture", "did you mean 'linen'?"),
         (["check", "linnen"], 2, "unknown_texture", "did you mean 'linen'?"),
         (["check", "linen", "--normal-force", "99"], 2, "out_of_range", "Give 0.1 to 2 N"),
-        (["preview", "linen", "--out", "a.unknown"], 1, "not_written", "--out"),
+        (["preview", "linen", "--out", "a.unknown"], 2, "bad_ending", ".png"),
     ],
 )
 def test_errors(haptic, arguments, status, code, words):

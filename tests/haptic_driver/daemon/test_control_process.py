@@ -79,7 +79,7 @@ def test_friction_follows_its_target_through_bytes_and_back(daemon, electrode_v)
     assert electrode_v() == 0.0
     for cof in (0.60, 0.68):
         status = daemon.set_target(lease.token, cof)
-        assert status.state is DaemonState.RENDERING
+        assert (status.state, status.target_cof) == (DaemonState.RENDERING, cof)
         keep_rendering(daemon, lease.token, lambda: electrode_v() > 10.0)
 
         def settled(cof=cof):

@@ -8,6 +8,7 @@ import socket
 import stat
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -56,6 +57,12 @@ def test_what_a_killed_daemon_left_behind_is_replaced(path):
     with socket.socket(socket.AF_UNIX) as client:
         client.connect(str(path))
     place.close()
+
+
+def test_a_folder_that_takes_no_files_is_named():
+    with pytest.raises(HapticError, match=r"/proc/daemon\.sock: cannot listen there") as refused:
+        Place(Path("/proc/daemon.sock"))
+    assert refused.value.code == "no_socket"
 
 
 def test_a_file_that_is_no_socket_is_left_alone(path):

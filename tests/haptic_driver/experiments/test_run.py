@@ -257,7 +257,7 @@ def test_resume_refuses_a_file_that_is_not_the_plans(config: RigConfig, model: T
     with pytest.raises(BadInputError, match="23 rows"):
         DataFile.resume(out, experiment.identity(), experiment.rows)
     meta_path(out).unlink()
-    with pytest.raises(BadInputError, match="cannot be read"):
+    with pytest.raises(BadInputError, match="did not write it"):
         DataFile.resume(out, experiment.identity(), experiment.rows)
 
 
@@ -271,7 +271,11 @@ def test_a_file_is_never_overwritten_unasked(config: RigConfig, model: TouchMode
     with DataFile.create(out, experiment.identity(), force=True):
         assert out.read_text() == ",".join(COLUMNS) + "\n"
     with pytest.raises(HapticError, match="cannot be written"):
-        DataFile.create(tmp_path / "missing" / "data.csv", experiment.identity())
+        DataFile.create(out / "data.csv", experiment.identity())
+    with DataFile.create(tmp_path / "made" / "data.csv", experiment.identity()) as data:
+        assert data.done == 0
+    with pytest.raises(BadInputError, match="is a folder"):
+        DataFile.create(tmp_path, experiment.identity(), force=True)
 
 
 def test_a_hidden_effect_changes_the_data_and_leaves_no_trace_in_the_files(

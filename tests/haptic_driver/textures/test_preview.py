@@ -47,9 +47,8 @@ def test_window_fits_the_texture(texture, window_m):
     assert _window_m(texture) == window_m
 
 
-@pytest.mark.parametrize("name", ["a.unknown", "file/a.png"])
-def test_a_picture_that_cannot_be_written(tmp_path, name):
+def test_a_picture_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(HapticError, match="cannot be written") as caught:
-        preview(Uniform(0.6), tmp_path / name)
+        preview(Uniform(0.6), tmp_path / "file" / "a.png")
     assert caught.value.hint

@@ -1,0 +1,85 @@
+"""What the shell is offered after TAB: commands, options, and the names of what lies in the config folders."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.cli.main import main
+
+SCRIPT = Path(sys.executable).with_name("haptic")
+LINES = [
+    ("haptic so", {"solve"}),
+    ("haptic texture p", {"play", "preview"}),
+    ("haptic solve --fr", {"--friction", "--frequency"}),
+    ("haptic solve --policy min_", {"min_voltage", "min_current"}),
+    ("haptic solve --model ref", {"reference"}),
+    ("haptic daemon run --rig hid", {"hidden_humidity"}),
+    ("haptic measure --plan vol", {"voltage_frequency"}),
+    ("haptic study fin", {"fingers"}),
+    ("haptic texture play li", {"linen"}),
+    ("haptic demo --texture min", {"mine"}),
+]
+
+
+@pytest.fixture(autouse=True)
+def _a_texture_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    textures = tmp_path / "configs" / "textures"
+    textures.mkdir(parents=True)
+    (textures / "mine.toml").write_text('kind = "uniform"\ncof = 0.6\n')
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize(("line", "offered"), LINES)
+def test_bash_is_offered(line, offered, monkeypatch, capsys):
+    monkeypatch.setenv("_HAPTIC_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", line)
+    monkeypatch.setenv("COMP_CWORD", str(line.count(" ")))
+    with pytest.raises(SystemExit) as ended:
+        main([])
+    assert ended.value.code == 0
+    assert set(capsys.readouterr().out.split()) == offered
+
+
+@pytest.mark.parametrize(("line", "offered"), LINES)
+def test_zsh_is_offered(line, offered, monkeypatch, capsys):
+    monkeypatch.setenv("_HAPTIC_COMPLETE", "complete_zsh")
+    monkeypatch.setenv("_TYPER_COMPLETE_ARGS", line)
+    with pytest.raises(SystemExit):
+        main([])
+    said = capsys.readouterr().out
+    assert all(f'"{word}"' in said for word in offered), said
+
+
+def test_a_tab_does_not_import_every_command():
+    """Only the command on the line, so that the shell need not wait for the others."""
+    code = "import sys; from haptic_driver.cli.main import main\ntry: main([])\nexcept SystemExit: pass\n"
+    code += "print('haptic_driver.cli.demo' in sys.modules, file=sys.stderr)"
+    environment = os.environ | {"_HAPTIC_COMPLETE": "complete_bash", "COMP_WORDS": "haptic texture ", "COMP_CWORD": "2"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120, check=True
+    )
+    assert "preview" in done.stdout
+    assert done.stderr == "False\n"
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
+def test_what_is_installed_completes_in_bash(tmp_path):
+    """`haptic --install-completion`, as docs/getting-started.md says, then a new shell and TAB."""
+    script = f"""
+        {SCRIPT} --install-completion bash > /dev/null
+        source ~/.bashrc
+        COMP_WORDS=(haptic texture play li) COMP_CWORD=3
+        _haptic_completion haptic
+        echo "${{COMPREPLY[@]}}"
+    """
+    environment = os.environ | {"HOME": str(tmp_path), "PATH": f"{SCRIPT.parent}:{os.environ['PATH']}"}
+    done = subprocess.run(
+        ["bash", "-c", script], env=environment, capture_output=True, text=True, timeout=120, check=True
+    )
+    assert done.stdout == "linen\n"

@@ -1,0 +1,171 @@
+"""What newcomers get wrong: the exit status, and a message that says what, where and what to do."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptic_driver.surface_file import SurfaceFile
+
+BASE = "frequency_hz,voltage_v,normal_force_n"
+SLIDE = "time_s,position_m,normal_force_n"
+STROKE = [f"{0.01 * i:.2f},{0.0004 * i:.4f},0.5" for i in range(30)]
+SOLVE = ["solve", "--friction", "0.6"]
+PREDICT = ["predict", "--out", "out.csv", "--table"]
+DEMO = ["demo", "--surface", "surface.h5"]
+MEASURE = ["measure", "--plan", "paper", "--out"]
+
+FILES = {
+    "ok.csv": f"{BASE}\n250,75,0.5\n",
+    "semicolons.csv": f"{BASE.replace(',', ';')}\n250;75;0,5\n",
+    "tabs.csv": f"{BASE}\n".replace(",", "\t"),
+    "decimal_commas.csv": f"{BASE}\n250,75,0,5\n",
+    "kilohertz.csv": f"{BASE.replace('_hz', '_khz')}\n0.25,75,0.5\n",
+    "with_units.csv": f"{BASE}\n250,75 V,0.5\n",
+    "spreadsheet.csv": f"{BASE}\n250,75,0.5\n".encode("utf-16"),
+    "empty.csv": "",
+    "slide_semicolons.csv": "\n".join([SLIDE, *STROKE]).replace(",", ";"),
+    "slide_commas.csv": "\n".join([SLIDE, *(row.replace(",0.5", ",0,5") for row in STROKE)]),
+    "slide_short.csv": "\n".join([SLIDE, *STROKE[:5], "0.05,0.002", *STROKE[6:]]),
+    "slide_lifted.csv": "\n".join([SLIDE, *(row.replace(",0.5", ",-0.5") for row in STROKE)]),
+    "latin.toml": 'name = "\xe9"'.encode("latin-1"),
+    "syntax.toml": "name = \n",
+    "empty.toml": "",
+    "type.toml": 'name = "x"\nsimulated = "perhaps"\n',
+    "key.toml": 'naem = "x"\n',
+    "steep.toml": 'kind = "uniform"\ncof = "steep"\n',
+    "negative.toml": 'kind = "uniform"\ncof = -1.0\n',
+    "unknown_kind.toml": 'kind = "unifrom"\ncof = 0.6\n',
+    "not_measured.csv": f"{BASE},cof\n250,75,0.5,0.6\n",
+    "junk.h5": b"\x00junk" * 100,
+}
+
+# command line, exit status, code, words of the message, words of the hint
+WRONG = [
+    # words
+    (["help"], 2, "usage", "No such command 'help'", "haptic --help"),
+    (["texture", "lst"], 2, "usage", "Did you mean 'list'?", "haptic texture --help"),
+    (["daemon", "start"], 2, "usage", "No such command 'start'", "haptic daemon --help"),
+    (["set"], 2, "usage", "MU", "haptic set --help"),
+    (["set", "much"], 2, "usage", "not 'much'", "haptic set --help"),
+    (["set", "0.6; rm x"], 2, "usage", "not '0.6; rm x'", "haptic set --help"),
+    (["daemon", "run", "--port", "http"], 2, "usage", "not 'http'", "haptic daemon run --help"),
+    (["record", "run.h5", "--stop"], 2, "usage", "either a file or --stop", "haptic record --help"),
+    # numbers
+    (["solve", "--friction", "0,6"], 2, "usage", "'--friction': Input should be a valid number", "haptic solve"),
+    (["solve", "--friction", "0,6"], 2, "usage", "not '0,6'", "haptic solve"),
+    (["solve", "--friction", "1e300", "--rig", "simulated"], 2, "out_of_range", "1e+300", "0.001 to 10"),
+    ([*SOLVE, "--policy", "fixed_frequency"], 2, "bad_frequency", "needs a frequency", "--frequency"),
+    ([*SOLVE, "--frequency", "250Hz"], 2, "bad_frequency", "250Hz", "a number in Hz"),
+    (["surface", "build", "--voltage-high-v", "nan"], 2, "bad_axes", "nan V is not in 0..5000 V", "For example 150"),
+    (["measure", "--plan", "paper", "--out", "d.csv", "--seed", "-1"], 2, "usage", "not '-1'", "haptic measure"),
+    # names and files of configuration
+    ([*SOLVE, "--rig", "folder"], 2, "unknown_rig", "'folder'", "simulated"),
+    ([*SOLVE, "--rig", "./folder"], 2, "file_not_found", "./folder: is a folder", "the name of a rig"),
+    ([*SOLVE, "--rig", "simulatd.toml"], 2, "file_not_found", "no such file", "Did you mean 'simulated'?"),
+    ([*SOLVE, "--rig", "x" * 300], 2, "unknown_rig", "xxx", "Known: "),
+    ([*SOLVE, "--model", "ok.csv"], 2, "unknown_model", "ok.csv", "must end in .toml"),
+    ([*SOLVE, "--rig", "latin.toml"], 2, "file_unreadable", "latin.toml is not UTF-8 text", "UTF-8"),
+    ([*SOLVE, "--rig", "syntax.toml"], 2, "bad_toml", "syntax.toml: Invalid value (at line 1", "TOML"),
+    ([*SOLVE, "--rig", "empty.toml"], 2, "bad_config", "empty.toml: name is missing", "Add it"),
+    ([*SOLVE, "--rig", "type.toml"], 2, "bad_config", "simulated: Input should be a valid boolean", "key"),
+    ([*SOLVE, "--rig", "key.toml"], 2, "unknown_key", "'naem'", "Did you mean 'name'?"),
+    (["measure", "--out", "d.csv", "--plan", "papr"], 2, "unknown_plan", "'papr'", "Did you mean 'paper'?"),
+    (["study", "finger"], 2, "unknown_population", "'finger'", "Did you mean 'fingers'?"),
+    # tables
+    ([*PREDICT, "none.csv"], 2, "bad_table", "none.csv does not exist", "check the name"),
+    ([*PREDICT, "folder"], 2, "bad_table", "folder is a folder", "CSV with columns"),
+    ([*PREDICT, "semicolons.csv"], 2, "bad_table", "separated by semicolons", "commas between the columns"),
+    ([*PREDICT, "tabs.csv"], 2, "bad_table", "separated by tabs", "commas between the columns"),
+    ([*PREDICT, "decimal_commas.csv"], 2, "bad_table", "line 2: has more fields", "0.5, not 0,5"),
+    ([*PREDICT, "kilohertz.csv"], 2, "missing_column", "found: frequency_khz", "frequency_hz"),
+    ([*PREDICT, "with_units.csv"], 2, "not_a_number", "line 2: voltage_v is '75 V'", "voltage_v"),
+    ([*PREDICT, "spreadsheet.csv"], 2, "bad_table", "is not UTF-8 text", "save it as UTF-8"),
+    ([*PREDICT, "empty.csv"], 2, "missing_column", "the file is empty", "frequency_hz"),
+    ([*DEMO, "--trace", "slide_semicolons.csv"], 2, "bad_table", "separated by semicolons", "commas"),
+    ([*DEMO, "--trace", "slide_commas.csv"], 2, "bad_table", "line 2: has more fields", "0.5, not 0,5"),
+    ([*DEMO, "--trace", "slide_short.csv"], 2, "not_a_number", "line 7: normal_force_n is ''", "0.5"),
+    ([*DEMO, "--trace", "slide_lifted.csv"], 2, "bad_slide", "the finger never touches", "positive"),
+    # textures
+    ([*DEMO, "--texture", "steps"], 2, "not_a_texture", "timed script", "daemon"),
+    (["texture", "preview", "steep.toml"], 2, "bad_texture", "got 'steep'", "cof"),
+    (["texture", "preview", "negative.toml"], 2, "bad_texture", "got -1.0", "cof"),
+    (["texture", "preview", "unknown_kind.toml"], 2, "bad_texture", "'unifrom'", "did you mean 'uniform'?"),
+    (["texture", "preview", "linen", "--out", "linen"], 2, "bad_ending", "linen: is no name of a picture", ".png"),
+    # files of the program's own
+    ([*SOLVE, "--surface", "folder"], 2, "surface_not_found", "is a folder", "haptic surface build"),
+    ([*SOLVE, "--surface", "junk.h5"], 2, "surface_corrupt", "junk.h5", "haptic surface build"),
+    (["export", "junk.h5", "--out", "x.csv"], 2, "recording_unreadable", "not a readable HDF5 file", "haptic record"),
+    (["export", "surface.h5", "--out", "x.csv"], 2, "recording_foreign", "not a recording", "haptic record"),
+    (["export", "folder", "--out", "x.csv"], 2, "recording_not_found", "is a folder", "path"),
+    # what is to be written
+    ([*MEASURE, "folder"], 2, "file_exists", "folder: is a folder", "--out"),
+    ([*MEASURE, "ok.csv"], 2, "file_exists", "ok.csv: exists already", "--force"),
+    ([*MEASURE, "ok.csv", "--resume"], 2, "not_resumable", "haptic measure did not write it", "--out"),
+    ([*MEASURE, "d.csv", "--resume", "--force"], 2, "usage", "contradict", "one of them"),
+    ([*MEASURE, "d.csv", "--rig", "paper"], 2, "not_simulated", "simulated rigs only", "--rig simulated"),
+    ([*MEASURE, "d.csv", "--hide", "none.toml"], 2, "bad_hide", "none.toml does not exist", "series_resistance"),
+    (["predict", "--table", "ok.csv", "--out", "folder"], 1, "not_written", "it is a folder", "--out"),
+    (["predict", "--table", "ok.csv", "--out", "ok.csv/x.csv"], 1, "not_written", "a file stands where", "--out"),
+    (["diagnose", "not_measured.csv", "--out", "ok.csv"], 1, "not_written", "a file stands where", "--out"),
+    # a daemon that is not there
+    (["status"], 1, "no_daemon", "none.sock", "haptic daemon run"),
+    (["off", "--socket", "folder"], 1, "no_daemon", "folder", "haptic daemon run"),
+    (["daemon", "run", "--osc", "nowhere"], 2, "bad_address", "'nowhere'", "127.0.0.1:9000"),
+    (["simulate", "--rig", "paper"], 2, "not_simulated", "rig paper", "simulated"),
+]  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def _desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make_file: Callable[..., SurfaceFile]) -> None:
+    """A folder with the files of somebody who is new here."""
+    for name, content in FILES.items():
+        (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    (tmp_path / "folder").mkdir()
+    make_file(np.geomspace(1.0, 1e6, 8), [0.1, 0.5, 2.0], np.linspace(0.0, 150.0, 16)).write(tmp_path / "surface.h5")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HAPTIC_SOCKET", str(tmp_path / "none.sock"))
+
+
+@pytest.mark.parametrize(
+    ("command", "status", "code", "said", "hint"), WRONG, ids=lambda x: " ".join(x)[:60] if isinstance(x, list) else ""
+)
+def test_a_wrong_thing_is_said(haptic, command, status, code, said, hint):
+    done = haptic(*command, "--json")
+    assert done.status == status, done.err
+    (line,) = done.out.splitlines()
+    error = json.loads(line)["error"]
+    assert error["code"] == code
+    assert said in error["message"]
+    assert hint in error["hint"]
+    assert f"error: {error['message']}" in done.err
+    assert "Traceback" not in done.err
+
+
+@pytest.mark.parametrize("table", ["\ufeff{}\r\n250,75,0.5\r\n", " {} \n 250 , 75 , 0.5 \n"])
+def test_what_a_spreadsheet_adds_is_no_mistake(haptic, tmp_path, table):
+    """A byte order mark, the line ends of Windows, and spaces after commas."""
+    header = BASE if table.startswith("\ufeff") else BASE.replace(",", ", ")
+    Path("table.csv").write_bytes(table.format(header).encode())
+    assert haptic("predict", "--table", "table.csv", "--out", "made/out.csv").status == 0
+    assert Path("made/out.csv").read_text().startswith(f"{BASE},electrostatic_force_n")
+
+
+def test_a_byte_order_mark_in_a_configuration_is_no_mistake(haptic):
+    shipped = Path(__file__).parents[3] / "configs" / "rigs" / "simulated.toml"
+    Path("mine.toml").write_bytes(b"\xef\xbb\xbf" + shipped.read_bytes())
+    assert haptic(*SOLVE, "--rig", "mine.toml", "--surface", "surface.h5").status == 0
+
+
+def test_what_the_system_refuses_is_a_message_and_not_a_traceback(haptic, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device", "out.csv")
+
+    monkeypatch.setattr("haptic_driver.cli.solve.build_surface", full)
+    done = haptic(*SOLVE, "--json")
+    assert done.status == 1
+    assert json.loads(done.out)["error"]["message"] == "out.csv: No space left on device"
