@@ -39,10 +39,19 @@ def kernel_of_sums(function: F) -> F:
     return _compiled(function, fastmath={"reassoc", "contract", "nsz"})
 
 
-def _compiled(function: F, fastmath: bool | set[str]) -> F:
+def inlined(function: F) -> F:
+    """A kernel that becomes part of each kernel that calls it: numba counts no references to what it is given.
+
+    For what is called per point, with arrays, from one place.
+    """
+    return _compiled(function, fastmath=False, inline="always")
+
+
+def _compiled(function: F, fastmath: bool | set[str], inline: str = "never") -> F:
     config: Any = numba.config
     before, config.CACHE_DIR = config.CACHE_DIR, _FOLDER
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": fastmath, "inline": inline}
     try:
-        return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=fastmath)(function))
+        return cast(F, numba.njit(cache=True, **options)(function))
     finally:
         config.CACHE_DIR = before

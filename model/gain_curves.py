@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from model.compiled import kernel, kernel_of_sums
+from model.compiled import inlined, kernel, kernel_of_sums
 from model.current import density_per_v
 from model.dielectrics import EPS0, Array, ComplexArray
 from model.gap_table import LOG_U_AXIS, gap_nodes, lookup, mass_at
@@ -121,7 +121,7 @@ def divider(
 
 @kernel
 def travel(stacks: Stack, least: Array, most: Array, h_scale: float) -> Array:
-    """How far the stack has changed since the first voltage [f, v], in shares of itself, at either end of the pressures.
+    """How far the stack has changed since the first voltage [f, v], in shares of itself, at both ends of the pressures.
 
     The leak's share is taken of itself and of what crosses a gap of h_rms: below that no current shows it.
     """
@@ -149,7 +149,7 @@ def _size(x: complex) -> float:
 
 @kernel
 def choose_knots(place: Array) -> tuple[Integers, Integers]:
-    """Voltages about evenly spread over `place` [f, k], and how many [f]; one where nothing changes with the voltage."""
+    """Voltages about evenly spread over `place` [f, k], and how many [f]; one where nothing changes with voltage."""
     knots, counts = np.zeros(place.shape, dtype=np.int64), np.ones(place.shape[0], dtype=np.int64)
     end = place.shape[1] - 1
     for i in range(place.shape[0]):
@@ -203,14 +203,14 @@ def fill_family(
     return p.size - 1
 
 
-@kernel
+@inlined
 def copy_curve(curves: Array, low: int, high: int, curve: Array) -> None:
     """The only curve there is, from node `low` to `high`."""
     for j in range(low, high + 1):
         curve[j] = curves[0, j]
 
 
-@kernel
+@inlined
 def straighten(gains: Array, knots: int, low: int, high: int, straight: Array) -> None:
     """1/sqrt(gain) of the first knots, from node `low` to `high`."""
     for k in range(knots):
@@ -218,7 +218,7 @@ def straighten(gains: Array, knots: int, low: int, high: int, straight: Array) -
             straight[k, j] = 1.0 / math.sqrt(gains[k, j])
 
 
-@kernel_of_sums
+@inlined
 def blend(
     place: Array, knots: Integers, count: int, i: int, v: int, low: int, high: int, straight: Array, admittance: Array,
     gain: Array, current: Array,
@@ -261,7 +261,7 @@ def first_gap(z_hat: complex) -> int:
     return max(int((math.log(NEGLIGIBLE * abs(z_hat)) - LOG_U_AXIS[0]) / LOG_U_AXIS[2]), 0)
 
 
-@kernel
+@inlined
 def cap_gains(
     gain: Array, z: ComplexArray, openness: Array, mass: Array, mass_below: Array, gap: Array, per_whole: Array,
     reach: Integers, square_distance: Array, lost: Array, k: int, start: int, crest_square: float, low: int, high: int,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.chain import PreparedTouch
-from model.compiled import kernel
+from model.compiled import inlined, kernel
 from model.contact import area_ratio
 from model.dielectrics import Array
 from model.gain_curves import (
@@ -45,8 +45,6 @@ BISECTIONS = 50
 LEAP = 1.05  # in q: where the curve moves with the voltage, an answer this near the last one is on its branch
 FEW_STEPS = 8  # in which Newton's method finds such an answer, if there is one
 
-import numba
-_INL = numba.njit(inline='always', nogil=True, error_model='numpy')
 Spacing = tuple[float, ...]  # 4 x 5, see `_to_series`
 Series = tuple[float, float, float, float, float]
 
@@ -276,7 +274,7 @@ def _turned(series: Series, start: float, per_q: float, q: float, base: float) -
     return slope * per_q * (q * q - base) > 2.0 * q * gain
 
 
-@_INL
+@inlined
 def _search(
     gain: Array, q_node: Array, per_q: Array, spacing: Spacing, first: int, last: int, from_node: int, to_node: int,
     base: float, square: float, low: float, high: float, steps: int, answer: Array, n: int,

@@ -67,10 +67,9 @@ def test_only_what_bends_with_voltage_needs_more_than_one_curve(with_effect, kin
     touch = prepare(model.description.values, model.description.dielectric, model.description.effects, drive)
     c = touch.circuit
     parts = (x.reshape(touch.shape) for x in (c.h_m, c.k_gap, c.bypass_per_m, c.leak_per_m_pa, c.gap_shift_m))
-    place, most_knots = np.empty(V.size), 0
-    for rows in zip(*parts, strict=True):
-        gain_curves.travel(gain_curves.Stack(*rows), 1e3, 2e4, c.length_scale_m[0], place)
-        most_knots = max(most_knots, gain_curves.choose_knots(place).size)
+    low, high = np.full(F.size, 1e3), np.full(F.size, 2e4)
+    place = gain_curves.travel(gain_curves.Stack(*parts), low, high, c.length_scale_m[0])
+    most_knots = gain_curves.choose_knots(place)[1].max()
     assert (most_knots > 1 or bool(np.isfinite(c.field_limit_v_per_m).any())) == (kind.name in BENDING)
 
 
