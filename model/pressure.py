@@ -66,13 +66,15 @@ def _gain(
 
 
 @kernel_of_sums
-def _kept_share(mass: Array, u: Array, p_hat: float, z_hat: complex, closest: float) -> float:
-    """Share of K^ that a cap on the local field leaves; `closest` is |u + z| at which the field meets it, per h_rms."""
+def _kept_share(mass: Array, u: Array, p_hat: float, z_hat: complex, closest: float, at_p: Array) -> float:
+    """Share of K^ that a cap on the local field leaves; `closest` is |u + z| at which the field meets it, per h_rms.
+
+    `at_p` [u] is left holding P(u) du under this pressure.
+    """
     row, weights = mass_at(p_hat)
-    at_p = np.zeros(u.size)
-    for b in range(4):
-        for i in range(u.size):
-            at_p[i] += weights[b] * mass[row + b, i]
+    w0, w1, w2, w3 = weights
+    for i in range(u.size):
+        at_p[i] = w0 * mass[row, i] + w1 * mass[row + 1, i] + w2 * mass[row + 2, i] + w3 * mass[row + 3, i]
     closest_square = closest * closest
     kept = whole = 0.0
     reach = 0
@@ -116,7 +118,7 @@ def _solve(  # noqa: PLR0912 (one visible algorithm)
 
     The share of the drive that each pressure needs must rise on the way; where it turns back, the contact pulls in.
     """
-    out = np.empty(3)
+    out, at_p = np.empty(3), np.empty(u.size)
     for i in range(load.size):
         base = load[i] + added[i]
         p_min, p_max = p_scale[i] * np.exp(LOG_P_AXIS[0]), p_scale[i] * np.exp(LOG_P_AXIS[1])
@@ -134,7 +136,7 @@ def _solve(  # noqa: PLR0912 (one visible algorithm)
                         a = 1.0 + beta * h[i, c]
                         z_hat = (k_gap[i, c] * h[i, c] / a + shift[i]) / h_scale[i]
                         amplitude = np.sqrt(crest[i, c] * abs(mean_square[i, c])) / (abs(a) * h_scale[i])
-                        gain *= _kept_share(mass, u, p / p_scale[i], z_hat, amplitude / field_limit[i])
+                        gain *= _kept_share(mass, u, p / p_scale[i], z_hat, amplitude / field_limit[i], at_p)
                     attraction += mean_square[i, c] * gain
             excess = base + attraction - p
             if abs(excess) <= TOLERANCE * p:
