@@ -48,6 +48,7 @@ def run(out: Path) -> dict[str, Any]:
         "rows": measured["rows"],
         "verdict": found["verdict"],
         "effects": [effect["name"] for effect in found["effects"]],
+        "not_told_apart": [name for effect in found["effects"] for name in effect["indistinguishable_from"]],
         "held_out_chi2_per_point": found["fit"]["held_out_chi2_per_point"],
         "gap_closed": found["fit"]["gap_closed"],
         **{when: {key: rendered[when][key] for key in keys} for when in surfaces},
@@ -60,7 +61,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/demo-diagnosis"))
     out = parser.parse_args().out
     found = run(out)
-    print(f"\nverdict {found['verdict']}: {', '.join(found['effects']) or 'no name'}")
+    alike = f", not told from {', '.join(found['not_told_apart'])}" if found["not_told_apart"] else ""
+    print(f"\nverdict {found['verdict']}: {', '.join(found['effects']) or 'no name'}{alike}")
     held = found["held_out_chi2_per_point"]
     print(f"held-out error per point {held['before']:.2f} -> {held['after']:.2f} (1 is noise)")
     for when in ("before", "after"):
