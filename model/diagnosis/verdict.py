@@ -201,8 +201,10 @@ def _name_one(
 
 
 def _shares(probabilities: dict[str, float]) -> dict[str, float]:
+    """The same summing to 1, the largest first."""
     total = sum(probabilities.values())
-    return {name: value / total for name, value in probabilities.items()}
+    ordered = sorted(probabilities.items(), key=lambda item: -item[1])
+    return {name: value / total for name, value in ordered}
 
 
 def _unusual(winner: Candidate) -> bool:
@@ -261,11 +263,10 @@ def _remainder(discrepancy: list[Array], winner: Candidate, base: Candidate) -> 
 def _name_pair(pair: Candidate, probabilities: dict[str, float], remainder: float) -> Verdict:
     names = [kind.name for kind in pair.kinds]
     others = {name: value * (1.0 - PAIR_CERTAIN) for name, value in probabilities.items() if name not in names}
-    updated = _normalised({name: np.log(max(value, 1e-300)) for name, value in others.items()} | {
-        name: np.log(PAIR_CERTAIN / len(names)) for name in names
-    })  # fmt: skip
-    clear = remainder <= NAME_REMAINDER and not _unusual(pair)
-    reason = (
-        "two effects are needed" if clear else f"two effects fit, which may leave {remainder:.0%} of their signature"
-    )
-    return Verdict("effect_found" if clear else "ambiguous", True, pair, updated, {n: [] for n in names}, (reason,))
+    updated = _shares(dict.fromkeys(names, PAIR_CERTAIN / len(names)) | others)
+    verdict, reason = "ambiguous", f"two effects fit, which may leave {remainder:.0%} of their signature"
+    if _unusual(pair):
+        reason = "two effects fit, one of which would have to be stronger than 99 % of what is expected of it"
+    elif remainder <= NAME_REMAINDER:
+        verdict, reason = "effect_found", "two effects are needed"
+    return Verdict(verdict, True, pair, updated, {name: [] for name in names}, (reason,))
