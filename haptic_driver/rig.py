@@ -133,8 +133,8 @@ class Rig:
         self._now_s = math.nan
         self._written: _Written | None = None
         self._refreshed_s = self._beaten_s = self._tried_off_s = -math.inf
-        self._commanded: deque[tuple[float, float]] = deque()  # (time, peak voltage) as far back as the monitor may lag
-        self._in_flight_s: float | None = None  # when the last set point began, until the instant after it
+        self._commanded = [_ZERO]  # as far back as the monitor may lag
+        self._too_low_s: float | None = None  # since when the monitor has read less than was commanded
 
     @property
     def state(self) -> RigState:
@@ -298,24 +298,21 @@ class Rig:
             self._check_lines()
             self._check_voltage(time_s)
         else:
-            self._switch_on(time_s, command.frequency_hz, withdrawals)
+            self._switch_on(command.frequency_hz, withdrawals)
         written = self._written
         before_v = self._generator.minimum_voltage_v if written is None else written.voltage_v
         voltage_v = min(command.voltage_v, before_v + self._step_v)
         self._go_on(withdrawals)
-        self._note(time_s, max(before_v, voltage_v))
+        self._commanded.append(_Commanded(voltage_v))
         self._generator.set_point(command.frequency_hz, voltage_v, modulation=self._modulation)
         self._go_on(withdrawals)
-        self._note(time_s, voltage_v)
-        self._in_flight_s = time_s
         self._written = _Written(time_s, command.frequency_hz, voltage_v)
 
-    def _switch_on(self, time_s: float, frequency_hz: float, withdrawals: int) -> None:
+    def _switch_on(self, frequency_hz: float, withdrawals: int) -> None:
         """Output on at the generator's minimum, then the amplifier enabled; anybody's `off` in between ends it."""
         if self._amplifier.fault:
             self._trip_now("the amplifier's fault line says fault")
         self._on = True  # from here on it may be
-        self._note(time_s, 0.0)
         self._generator.set_point(frequency_hz, self._generator.minimum_voltage_v, modulation=self._modulation)
         self._go_on(withdrawals)
         self._generator.set_output(True)
@@ -373,42 +370,34 @@ class Rig:
             )
 
     def _check_voltage(self, time_s: float) -> None:
-        """Trip when the monitor contradicts what was commanded within the time that it may lag."""
-        self._land(time_s)
+        """Trip when the monitor contradicts what was commanded: at once when it reads too much.
+
+        Too little must last, since nobody is hurt by it and a busy computer or instrument may be late with a voltage.
+        """
         voltage_v = self._amplifier.monitor_voltage_v()
+        low_v, high_v = self._commanded_range_v(time_s)
         if voltage_v is None:
             return
-        low_v, high_v = self._commanded_range_v(time_s)
         low_v = low_v if self._modulation is None else 0.0
         tolerance_v = max(self.safety.monitor_tolerance_v, self.safety.monitor_tolerance * high_v)
-        if not low_v - tolerance_v <= abs(voltage_v) <= high_v + tolerance_v:
-            self._trip_now(f"the monitor reads {abs(voltage_v):.3g} V where {low_v:.3g}..{high_v:.3g} V were commanded")
+        reads = f"the monitor reads {abs(voltage_v):.3g} V where {low_v:.3g}..{high_v:.3g} V were commanded"
+        if abs(voltage_v) > high_v + tolerance_v:
+            self._trip_now(reads)
+        if abs(voltage_v) >= low_v - tolerance_v:
+            self._too_low_s = None
+        elif self._too_low_s is None:
+            self._too_low_s = time_s
+        elif time_s - self._too_low_s >= self.safety.settle_s:
+            self._trip_now(f"{reads}, for {time_s - self._too_low_s:.2g} s")
 
     def _commanded_range_v(self, time_s: float) -> tuple[float, float]:
         """Lowest and highest voltage commanded within `settle_s`, that in force at its beginning included."""
-        self._forget(time_s)
-        voltages_v = [voltage_v for _, voltage_v in list(self._commanded)]
-        return min(voltages_v, default=0.0), max(voltages_v, default=0.0)
-
-    def _land(self, time_s: float) -> None:
-        """Count the last set point from now: a dialogue may stall, and only now has it certainly ended."""
-        if self._in_flight_s is not None:
-            began_s, self._in_flight_s = self._in_flight_s, None
-            landed = [(time_s if noted_s >= began_s else noted_s, voltage_v) for noted_s, voltage_v in self._commanded]
-            self._commanded = deque(landed)
-
-    def _note(self, time_s: float, voltage_v: float) -> None:
-        if self._commanded:
-            last_s = self._commanded[-1][0]
-            if time_s < last_s - self.safety.settle_s:
-                self._commanded.clear()  # the caller's clock began again
-            time_s = max(time_s, last_s)  # of two threads, one may have looked at the clock a little earlier
-        self._forget(time_s)
-        self._commanded.append((time_s, voltage_v))
-
-    def _forget(self, time_s: float) -> None:
-        while len(self._commanded) > 1 and self._commanded[1][0] <= time_s - self.safety.settle_s:
-            self._commanded.popleft()
+        told = [one if one.told_s < math.inf else one._replace(told_s=time_s) for one in self._commanded]
+        while len(told) > 1 and told[1].told_s <= time_s - self.safety.settle_s:
+            del told[0]
+        self._commanded = told
+        voltages_v = [one.voltage_v for one in told]
+        return min(voltages_v), max(voltages_v)
 
     def _trip_now(self, reason: str) -> None:
         """Latch, switch off, and raise."""
@@ -452,9 +441,10 @@ class Rig:
 
     def _conclude(self, evidence: OffEvidence) -> None:
         """Believe the evidence, and no more."""
-        self._on, self._written = False, None
-        self._note(self._now_s, 0.0)
+        self._on, self._written, self._too_low_s = False, None, None
+        self._commanded.append(_ZERO)
         if evidence.output_on is False:
+            self._commanded = [_ZERO]
             for heartbeat in self._heartbeats:
                 heartbeat.rest()
         elif evidence.output_on:
@@ -503,6 +493,16 @@ class Rig:
         except BaseException:
             self.off()
             raise
+
+
+class _Commanded(NamedTuple):
+    """A voltage, and when it had certainly been told: at the first look after its dialogue, which may stall."""
+
+    voltage_v: float
+    told_s: float = math.inf
+
+
+_ZERO = _Commanded(0.0, -math.inf)
 
 
 class _Written(NamedTuple):
