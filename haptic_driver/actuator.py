@@ -11,7 +11,7 @@ from haptic_driver.errors import HapticError
 from haptic_driver.render.envelope import synthesise
 from haptic_driver.rig import OffEvidence, Rig, modulation_input
 from haptic_driver.rig_config import NoAnalogOutput, RigConfig, SoundAnalogOutputConfig
-from haptic_driver.signals import DriveCommand
+from haptic_driver.signals import Course, DriveCommand
 from hw.analog_output import AnalogOutput, OutputUnderrun
 from hw.errors import DeviceError
 from hw.generator_settings import ModulationInput
@@ -39,8 +39,11 @@ class Actuator(ABC):
         Takes as long as the dialogue with the instruments.
         """
 
-    def play(self, command: DriveCommand) -> None:  # noqa: B027 - an actuator may have nothing fast
-        """Bring out, without waiting for the generator, what goes beside it; to be called every millisecond."""
+    def play(self, command: DriveCommand, course: Course) -> None:  # noqa: B027 - an actuator may have nothing fast
+        """Bring out, without waiting for the generator, what goes beside it; to be called every millisecond.
+
+        `course`: what voltages have been asked for since the last call; none goes out where the command has no output.
+        """
 
     def off(self) -> OffEvidence:
         """Off at once, from any thread; never raises."""
@@ -61,9 +64,10 @@ class EnvelopeActuator(Actuator):
     """A carrier of `full_scale_v` over SCPI, and its amplitude by an analog output on Modulation In.
 
     `rig` is modulated; `output` is open, with the level that stands for no amplitude as its zero level. Every `play`
-    fills the output's stream up to `lead_s` with an envelope from the last voltage to the newest, straight in voltage
-    squared, which force follows. So much later it is at the electrode, and so late may a `play` be; the stream is paced
-    by the output's own clock. One that runs dry is zero, counted in `underruns`, and begins again from zero.
+    adds its course to the output's stream, straight in voltage squared, which force follows. The stream is kept about
+    `lead_s` long: so late is its end at the electrode, and so late may a `play` be. The output's own clock paces it;
+    courses are a sample longer or shorter when need be. Without anything new the last voltage is held. A stream that
+    runs dry is zero, counted in `underruns`, and begins again from zero.
     """
 
     name = "analog envelope"
@@ -85,20 +89,21 @@ class EnvelopeActuator(Actuator):
         """The carrier, at its highest as long as output is on; the amplitude is `play`'s."""
         self.rig.command(time_s, command._replace(voltage_v=self._full_scale_v if command.output_on else 0.0))
 
-    def play(self, command: DriveCommand) -> None:
+    def play(self, command: DriveCommand, course: Course) -> None:
         """Go on with the envelope; zero amplitude at once when the output is off."""
         if not command.output_on:
             self._rest()
             return
-        if not 0.0 <= command.voltage_v <= self._full_scale_v:
+        highest_v2 = float(course.powers_v2.max(initial=0.0))
+        if not highest_v2 <= self._full_scale_v**2:
             evidence = self.off()
             raise HapticError(
                 "beyond_full_scale",
-                f"{command.voltage_v:g} V does not fit a carrier of {self._full_scale_v:g} V (output: {evidence})",
+                f"{highest_v2**0.5:g} V does not fit a carrier of {self._full_scale_v:g} V (output: {evidence})",
                 "the stages before it should not have asked for that; look at the rig's limits",
             )
         try:
-            self._fill(command.voltage_v)
+            self._go_on(course)
         except OutputUnderrun:
             self.underruns += 1
             self._power_v2 = 0.0
@@ -113,18 +118,29 @@ class EnvelopeActuator(Actuator):
             self._output.zero()
         return evidence
 
-    def _fill(self, voltage_v: float) -> None:
+    def _go_on(self, course: Course) -> None:
         waiting_s = self._output.buffered_s
-        samples = round((self._lead_s - waiting_s) * self._rate_hz)
+        samples = self._length(course.span_s, waiting_s)
         if samples < 1:
             return
         begin_v2 = self._power_v2 if waiting_s > 0.0 else 0.0
-        powers_v2, envelope_v = np.array([begin_v2, voltage_v * voltage_v]), np.empty(samples)
-        synthesise(powers_v2, 1.0, 1.0, envelope_v)
+        powers_v2 = np.concatenate(((begin_v2,), course.powers_v2 if course.span_s > 0.0 else (begin_v2,)))
+        envelope_v = np.empty(samples)
+        synthesise(powers_v2, envelope_v)
         share = np.minimum(envelope_v / self._full_scale_v, 1.0)  # a root of a square may be larger by rounding
         self._resting = False
         self._output.write(self._modulation.full_scale_v * (2.0 * share - 1.0), self._rate_hz)
-        self._power_v2 = voltage_v * voltage_v
+        self._power_v2 = powers_v2.item(-1)
+
+    def _length(self, span_s: float, waiting_s: float) -> int:
+        """How many samples of the stream a course takes; not all that is missing, or a late thread would bend it."""
+        short_s = self._lead_s - waiting_s - span_s
+        if waiting_s <= 0.0 or abs(short_s) > 0.5 * self._lead_s:
+            return round((self._lead_s - waiting_s) * self._rate_hz)
+        samples = round(span_s * self._rate_hz)
+        if samples and abs(short_s) > 0.125 * self._lead_s:
+            samples += 1 if short_s > 0.0 else -1
+        return samples
 
     def _rest(self) -> None:
         if not self._resting:

@@ -79,15 +79,15 @@ class DriveCommand(NamedTuple):
     output_on: bool
 
 
-class EnvelopeBlock(NamedTuple):
-    """Peak voltages [m] at the electrode from this tick to the next, evenly spaced, the last at the next tick.
-
-    `output_on` False means zero volts, carrier off.
-    """
-
-    frequency_hz: float
-    voltage_v: NDArray[np.float64]
-    output_on: bool
+COURSE_POINTS = 20  # per tick: with so many per millisecond a texture of 800 Hz keeps 99.5 % of its force (sinc^2)
 
 
+class Course(NamedTuple):
+    """Peak voltage squared at the electrode, V^2 [n], over the next `span_s`: evenly spaced, the last at its end."""
+
+    powers_v2: NDArray[np.float64]
+    span_s: float
+
+
+NO_COURSE = Course(np.empty(0), 0.0)
 NO_COMMAND = DriveCommand(frequency_hz=10e3, voltage_v=0.0, output_on=False)

@@ -69,7 +69,7 @@ class Daemon:
         self._recorder: Recorder | None = None
         self._events = EventLog(self._record_event)
         self._pump = OutputPump(
-            self.shared.output, self.shared.driven, settings.config.output.setpoint_interval_s, self._fail, clock
+            self.shared, settings.config.output.setpoint_interval_s, settings.render.period_s, self._fail, clock
         )
         self._supervisor = Supervisor(
             settings, self.shared, self._pump,

@@ -9,10 +9,10 @@ from collections.abc import Callable
 
 from haptic_driver.actuator import Actuator
 from haptic_driver.daemon.real_time import Metronome
-from haptic_driver.daemon.shared_state import Driven, Output, Slot
+from haptic_driver.daemon.shared_state import Driven, SharedState
 from haptic_driver.errors import HapticError
 from haptic_driver.rig import RigState
-from haptic_driver.signals import DriveCommand
+from haptic_driver.signals import NO_COURSE, Course, DriveCommand
 
 PUMP_PERIOD_S = 0.001
 PUMP_TIMEOUT_S = 5.0  # more than all timeouts of the devices together
@@ -32,14 +32,14 @@ class OutputPump:
     """
 
     def __init__(
-        self, output: Slot[Output], driven: Slot[Driven], interval_s: float, failed: Callable[[str], object],
+        self, shared: SharedState, interval_s: float, tick_s: float, failed: Callable[[str], object],
         clock: Callable[[], float],
     ) -> None:  # fmt: skip
         self.actuator: Actuator | None = None
         self.underruns = 0
-        self._output = output
-        self._driven = driven
+        self._shared = shared
         self._interval_s = interval_s
+        self._tick_s = tick_s
         self._failed = failed
         self._clock = clock
         self._gate: int | None = None  # the first order whose output may go out; None: none may
@@ -48,6 +48,7 @@ class OutputPump:
         self._wanted_s = -math.inf  # when there was last something to bring out
         self._written_s, self._written = -math.inf, OFF
         self._up_s = math.inf  # when the output is up; inf while it is off
+        self._played = 0  # position among courses
         self._dry_s = -math.inf  # when what is played last had a gap
         self._told: Driven | None = None
 
@@ -106,7 +107,7 @@ class OutputPump:
             driven = Driven(max(self._up_s, self._dry_s))
             if driven != self._told:
                 self._told = driven
-                self._driven.write(driven)
+                self._shared.driven.write(driven)
 
     def play(self, ending: threading.Event) -> None:
         """Play until the end."""
@@ -122,16 +123,25 @@ class OutputPump:
             return
         underruns = actuator.underruns
         try:
-            actuator.play(self._command(now_s))
+            actuator.play(self._command(now_s), self._course())
         except HapticError as error:
             self._failed(error.message)
         if actuator.underruns > underruns:
             self.underruns += 1
             self._dry_s = now_s
 
+    def _course(self) -> Course:
+        """What render wants of an envelope since the last time, if it may go out."""
+        taken = self._shared.courses.read(self._played)
+        gate, self._played = self._gate, taken.position
+        if gate is None or not taken.samples.size:
+            return NO_COURSE
+        courses = taken.samples[taken.samples["order"] >= gate]["powers_v2"]
+        return Course(courses.ravel(), len(courses) * self._tick_s)
+
     def _command(self, now_s: float) -> DriveCommand:
         """What render wants, if it may go out: on while it renders, at 0 V too, so that an envelope may have zeros."""
-        gate, output = self._gate, self._output.read()
+        gate, output = self._gate, self._shared.output.read()
         if gate is None or output.order < gate or now_s - output.time_s > OUTPUT_STALE_S:
             return OFF
         return DriveCommand(output.frequency_hz, output.voltage_v, True)

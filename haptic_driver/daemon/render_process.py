@@ -23,7 +23,8 @@ from haptic_driver.daemon import real_time
 from haptic_driver.daemon.real_time import Due
 from haptic_driver.daemon.samples import Flag
 from haptic_driver.daemon.shared_state import NO_ORDER, Driven, Order, Output, Sensed, SharedState, practice_slot
-from haptic_driver.render.texture import Target, Uniform
+from haptic_driver.render import envelope
+from haptic_driver.render.texture import FloatArray, Target, Uniform
 from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
 from haptic_driver.signals import FingerSample, FingerState
 
@@ -41,10 +42,12 @@ class RenderSettings:
     """How to tick and when to stop trusting.
 
     `stale_s`: sensors, `silence_s`: control, not heard for so long. `ramp_s`: how long a ramp to zero takes.
-    `most_missed`: so many instants missed in a row are a fault.
+    `most_missed`: so many instants missed in a row are a fault. `envelope`: an analog output makes the amplitude, and
+    is told its course from tick to tick.
     """
 
     tick: TickSettings
+    envelope: bool = False
     period_s: float = 0.001
     stale_s: float = 0.1
     silence_s: float = 0.25
@@ -58,6 +61,10 @@ class Nothing(Target):
     def cof_under(self, finger: FingerState) -> float:
         """NaN."""
         return math.nan
+
+    def cof_along(self, finger: FingerState, ahead_s: FloatArray) -> FloatArray:
+        """NaN."""
+        return ahead_s * math.nan
 
     def bounds(self) -> tuple[float, float]:
         """NaN, twice."""
@@ -83,6 +90,7 @@ class Kept(NamedTuple):
     """All that one tick hands on to the next. Flags are those of the present arming, as plain numbers: faster."""
 
     state: TickState = TickState()
+    course_v2: FloatArray = envelope.ZERO
     ramp: Ramp = Ramp()
     flags: int = 0
     overruns: int = 0
@@ -116,13 +124,16 @@ class Renderer:
         state = TickState()
         for i in range(WARM_UP_TICKS):
             time_s = i * self._settings.period_s
-            state, _ = tick(settings, state, FingerSample(time_s, 0.05 * time_s, 0.0, 0.5, 0.3))
+            state, done = tick(settings, state, FingerSample(time_s, 0.05 * time_s, 0.0, 0.5, 0.3))
+            state, _ = envelope.ahead(settings, state, done, self._settings.period_s)
 
     def step(self, due: Due) -> Output:
         """One tick: read, decide, write."""
         order, sensed, driven = self._read()
         self._kept, done, output = self._decide(due, order, sensed, driven)
         self._shared.output.write(output)
+        if self._settings.envelope:
+            self._shared.courses.write((output.order, *self._kept.course_v2.tolist()))
         self._shared.ring.write(self._sample(due, sensed, done, output, self._kept))
         return output
 
@@ -171,6 +182,14 @@ class Renderer:
         ramp, voltage_v = kept.ramp.limit(self._settings.ramp_s, due.due_s, wanted_v, trusted)
         if not order.rendering or flags & _FAULT:
             voltage_v = 0.0
+        course_v2 = kept.course_v2
+        if self._settings.envelope:
+            if trusted and not flags & _FAULT and voltage_v == done.wanted.voltage_v:
+                state, course_v2 = envelope.ahead(settings, state, done, self._settings.period_s)
+            else:
+                course_v2 = envelope.straight(course_v2.item(-1), voltage_v * voltage_v)
+            if state.safety.rejections > kept.state.safety.rejections:
+                flags |= _REJECTED
         if voltage_v < wanted_v:  # what was put out is where the next rise begins and what the finger has felt
             command = done.command._replace(voltage_v=voltage_v, output_on=voltage_v > 0.0)
             state = state._replace(drive=state.drive._replace(voltage_v=voltage_v), command=command)
@@ -180,7 +199,7 @@ class Renderer:
             order.number, self._target, due.number, self._clock(), done.command.frequency_hz, voltage_v,
             voltage_v > 0.0, overruns, flags, done.target.cof,
         )  # fmt: skip
-        return Kept(state, ramp, flags, overruns, missed_in_a_row), done, output
+        return Kept(state, course_v2, ramp, flags, overruns, missed_in_a_row), done, output
 
     def _missed(self, due: Due, missed_in_a_row: int) -> int:
         """Flags for instants that were missed; so many in a row are a fault."""

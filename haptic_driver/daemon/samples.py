@@ -6,6 +6,8 @@ from enum import IntFlag
 
 import numpy as np
 
+from haptic_driver.signals import COURSE_POINTS
+
 
 class Flag(IntFlag):
     """What has happened since arming; each stays up until the next arming."""
@@ -52,3 +54,6 @@ SAMPLE = np.dtype(
     ]
 )
 """One tick as it goes through the ring buffer to recorder, API and dashboard."""
+
+COURSE = np.dtype([("order", "u8"), ("powers_v2", "f8", (COURSE_POINTS,))])
+"""What an analog envelope is to do until the next tick, and the order that render followed."""

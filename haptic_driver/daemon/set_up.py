@@ -9,7 +9,6 @@ from haptic_driver.config import RigConfig, load_model, load_rig
 from haptic_driver.daemon.render_process import Nothing, RenderSettings
 from haptic_driver.daemon.simulated_lines import PANEL
 from haptic_driver.devices import STAGE_INTERVAL_S
-from haptic_driver.render.tick import TickSettings
 from haptic_driver.rig_config import EvdevFingerConfig, NoAnalogOutput, StageFingerConfig
 from haptic_driver.stages import tick_settings
 from haptic_driver.surface_builder import build_surface
@@ -46,29 +45,32 @@ def daemon_settings(
     """Everything by name; solves the surface. Raises BadInputError."""
     config = load_rig(rig)
     surface = build_surface(load_model(model), config.operating_limits())
-    render = RenderSettings(idle_stages(config, surface), PERIOD_S)
-    return DaemonSettings(rig, model, config, surface, render, allow_no_rt, amplifier_record)
+    return DaemonSettings(
+        rig, model, config, surface, render_settings(config, surface), allow_no_rt, amplifier_record
+    )  # fmt: skip
 
 
-def idle_stages(config: RigConfig, surface: SurfaceFile) -> TickSettings:
-    """The stages of one rig, with nothing to render yet; positions are extrapolated by the whole latency."""
+def render_settings(config: RigConfig, surface: SurfaceFile) -> RenderSettings:
+    """How to render on one rig, with nothing to render yet; positions are extrapolated by the whole latency."""
     latency_s = latency_budget_s(config, PERIOD_S)
     feedback_latency_s = latency_s["total"] - latency_s["sensor"] - latency_s["tick"]
-    return tick_settings(
+    stages = tick_settings(
         config, surface, Nothing(), feedback_latency_s=feedback_latency_s, output_latency_s=latency_s["total"]
     )
+    return RenderSettings(stages, envelope=not isinstance(config.analog_output, NoAnalogOutput), period_s=PERIOD_S)
 
 
 def latency_budget_s(config: RigConfig, period_s: float) -> dict[str, float]:
     """Mean time from where the finger is to the voltage that belongs there, by where it is spent, and in all.
 
     Waiting for the next sensor reading, tick and set point takes half a period each; an envelope is written ahead by
-    its lead. `output.latency_s` of the rig, measured from a command's wait to its effect, has the rest.
+    its lead, of which the last tick is yet to come. `output.latency_s` of the rig, measured from a command's wait to
+    its effect, has the rest.
     """
     output = config.analog_output
     name, wait_s = "set_point", 0.5 * config.output.setpoint_interval_s
     if not isinstance(output, NoAnalogOutput):
-        name, wait_s = "envelope", output.lead_s
+        name, wait_s = "envelope", max(output.lead_s - period_s, 0.0)
     parts = {
         "sensor": 0.5 * _sensor_period_s(config),
         "tick": 0.5 * period_s,

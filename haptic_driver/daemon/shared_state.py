@@ -6,6 +6,7 @@ left behind, and is gone with the last process that has it, however that ended. 
 
 from __future__ import annotations
 
+import math
 import mmap
 import os
 import pickle
@@ -17,17 +18,18 @@ from typing import Any, Generic, NamedTuple, TypeVar, cast, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.daemon.samples import SAMPLE
+from haptic_driver.daemon.samples import COURSE, SAMPLE
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.render.texture import Target
 
 RING_SAMPLES = 1 << 14  # 16 s at 1 kHz
+RING_COURSES = 1 << 6
 TARGET_BYTES = 1 << 24  # for each of two targets, e.g. a map of 2 million pixels
 SLOT_BYTES = 256
 _HEADER_BYTES = 16  # of a slot
+_RING_HEADER_BYTES = 64
 ATTEMPTS = 8  # at a copy that a writer keeps disturbing
 _FORMATS = {float: "d", int: "q", bool: "?"}
-_SAMPLE_BYTES = SAMPLE.itemsize
 _CELLS = {"f8": "d", "u8": "Q", "u4": "I", "u1": "B"}
 
 
@@ -147,17 +149,19 @@ class Taken(NamedTuple):
 
 
 class Ring:
-    """The last `RING_SAMPLES` samples. One writer, who never waits; every reader keeps a position of its own.
+    """The last `length` samples of one kind. One writer, who never waits; every reader keeps a position of its own.
 
     Who reads too late loses the oldest, and is told how many.
     """
 
-    def __init__(self, memory: memoryview) -> None:
+    def __init__(self, memory: memoryview, kind: np.dtype[np.void], length: int) -> None:
         self._count = memory[:8].cast("Q")
-        self._cells = memory[64:]
-        self._samples = np.frombuffer(self._cells, SAMPLE, RING_SAMPLES)
-        self._pack = struct.Struct("=" + "".join(_CELLS[SAMPLE[name].str[1:]] for name in SAMPLE.names or ()))
-        assert self._pack.size == _SAMPLE_BYTES
+        self._cells = memory[_RING_HEADER_BYTES:]
+        self._length = length
+        self._samples = np.frombuffer(self._cells, kind, length)
+        fields = [kind[name] for name in kind.names or ()]
+        self._pack = struct.Struct("=" + "".join(f"{math.prod(f.shape)}{_CELLS[f.base.str[1:]]}" for f in fields))
+        assert self._pack.size == kind.itemsize
 
     @property
     def position(self) -> int:
@@ -165,8 +169,8 @@ class Ring:
         return self._count[0]
 
     def put(self, sample: tuple[float, ...]) -> None:
-        """Put one sample, the fields of SAMPLE in order, where the next one goes; it does not count yet."""
-        self._pack.pack_into(self._cells, (self._count[0] % RING_SAMPLES) * _SAMPLE_BYTES, *sample)
+        """Put one sample, its numbers in order, where the next one goes; it does not count yet."""
+        self._pack.pack_into(self._cells, (self._count[0] % self._length) * self._pack.size, *sample)
 
     def write(self, sample: tuple[float, ...]) -> None:
         """Add one sample."""
@@ -176,9 +180,9 @@ class Ring:
     def read(self, position: int) -> Taken:
         """What was written since `position`."""
         end = self.position
-        start = max(position, end - RING_SAMPLES + 1)
+        start = max(position, end - self._length + 1)
         copy = self._samples.take(np.arange(start, end), mode="wrap")
-        overwritten = max(self.position - RING_SAMPLES + 1 - start, 0)  # while we copied; one more is being written
+        overwritten = max(self.position - self._length + 1 - start, 0)  # while we copied; one more is being written
         kept = copy[overwritten:]
         return Taken(kept, end - position - len(kept), end)
 
@@ -237,7 +241,8 @@ def _aligned(offset: int) -> int:
 
 
 _RING_AT = 4 * SLOT_BYTES
-_TARGETS_AT = -(-(_RING_AT + 64 + RING_SAMPLES * SAMPLE.itemsize) // 4096) * 4096
+_COURSES_AT = _RING_AT + _RING_HEADER_BYTES + RING_SAMPLES * SAMPLE.itemsize
+_TARGETS_AT = -(-(_COURSES_AT + _RING_HEADER_BYTES + RING_COURSES * COURSE.itemsize) // 4096) * 4096
 _TOTAL_BYTES = _TARGETS_AT + 2 * TARGET_BYTES
 
 
@@ -251,6 +256,7 @@ class SharedState:
     output: Slot[Output]
     driven: Slot[Driven]
     ring: Ring
+    courses: Ring
     targets: TargetStore
 
     def __init__(self, descriptor: int | None = None) -> None:
@@ -266,7 +272,8 @@ class SharedState:
         self.order = Slot(slots[1], NO_ORDER)
         self.output = Slot(slots[2], NO_OUTPUT)
         self.driven = Slot(slots[3], NOT_DRIVEN)
-        self.ring = Ring(memory[_RING_AT:_TARGETS_AT])
+        self.ring = Ring(memory[_RING_AT:_COURSES_AT], SAMPLE, RING_SAMPLES)
+        self.courses = Ring(memory[_COURSES_AT:_TARGETS_AT], COURSE, RING_COURSES)
         self.targets = TargetStore(memory[_TARGETS_AT:])
 
     def close(self) -> None:

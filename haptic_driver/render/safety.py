@@ -19,7 +19,6 @@ from haptic_driver.limits import OperatingLimits
 from haptic_driver.signals import OperatingPoint, SafeOperatingPoint
 
 _FREQUENCY = itemgetter(0)  # of a point of the limit curve
-ROUNDING = 1.0 + 1e-12  # a root of a square may come out so much larger
 
 
 class SafetyState(NamedTuple):
@@ -72,22 +71,22 @@ def violation(limits: OperatingLimits, point: OperatingPoint) -> str | None:  # 
 def gate_envelope(
     limits: OperatingLimits, state: SafetyState, peak: OperatingPoint, voltage_v: NDArray[np.float64]
 ) -> tuple[SafetyState, bool]:
-    """Whether a block of peak voltages is refused, as a whole: for its highest point, or for one sample beyond that.
+    """Whether peak voltages [n] are refused, as a whole: for their highest, or for one that is beyond it.
 
     Every limit is one on voltage at the carrier's frequency, or grows with it, so what is below a safe point is safe.
     """
     reason = violation(limits, peak)
     if reason is None:
-        index = first_outside(voltage_v, peak.voltage_v * ROUNDING)
+        index = first_outside(voltage_v, peak.voltage_v)
         if index < 0:
             return state, False
-        reason = f"sample {index} of the envelope, {voltage_v[index]:g} V, is outside 0..{peak.voltage_v:g} V"
+        reason = f"point {index} of the envelope, {voltage_v[index]:g} V, is outside 0..{peak.voltage_v:g} V"
     return SafetyState(state.rejections + 1, reason), True
 
 
 @numba.njit(cache=True, nogil=True)
 def first_outside(voltage_v: NDArray[np.float64], highest_v: float) -> int:
-    """Index of the first sample outside 0..highest_v, NaN included; -1 for none."""
+    """Index of the first outside 0..highest_v, NaN included; -1 for none."""
     for i in range(voltage_v.size):
         if not 0.0 <= voltage_v[i] <= highest_v:
             return i

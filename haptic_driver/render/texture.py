@@ -40,6 +40,10 @@ class Target(ABC):
         """Friction for a finger in contact, or NaN where nothing is asked for."""
 
     @abstractmethod
+    def cof_along(self, finger: FingerState, ahead_s: FloatArray) -> FloatArray:
+        """The same on the finger's way, at times ahead of now [n]; a script stands still meanwhile."""
+
+    @abstractmethod
     def bounds(self) -> tuple[float, float]:
         """The lowest and the highest friction ever asked for."""
 
@@ -50,6 +54,15 @@ class Texture(Target):
     def cof_under(self, finger: FingerState) -> float:
         """Friction at the finger's position."""
         return self.cof_at(finger.position_x_m, finger.position_y_m)
+
+    def cof_along(self, finger: FingerState, ahead_s: FloatArray) -> FloatArray:
+        """Friction where the finger will be."""
+        x_m = finger.position_x_m + finger.velocity_x_m_s * ahead_s
+        y_m = finger.position_y_m + finger.velocity_y_m_s * ahead_s
+        ends_m = (x_m.item(0), x_m.item(-1), y_m.item(0), y_m.item(-1))
+        if all(abs(end_m) < FARTHEST_M for end_m in ends_m):  # and so all between them; not for NaN
+            return self._cof_at_points(x_m, y_m)
+        return self.cof_at(x_m, y_m)
 
     @overload
     def cof_at(self, x_m: float, y_m: float) -> float: ...
@@ -329,18 +342,32 @@ class Script(Target):
 
     def cof_under(self, finger: FingerState) -> float:
         """Friction at the finger's time and position."""
-        time_s = finger.time_s - self.start_s
-        if not self._times_s[0] <= time_s < self._times_s[-1]:
+        first, second, share = self._at(finger.time_s - self.start_s)
+        if first is None:
             return math.nan
+        cof = first.cof_under(finger)
+        return cof if second is None else _between(cof, second.cof_under(finger), share)
+
+    def cof_along(self, finger: FingerState, ahead_s: FloatArray) -> FloatArray:
+        """Friction at the finger's time, where it will be."""
+        first, second, share = self._at(finger.time_s - self.start_s)
+        if first is None:
+            return np.full(ahead_s.shape, math.nan)
+        cof = first.cof_along(finger, ahead_s)
+        return cof if second is None else cof + share * (second.cof_along(finger, ahead_s) - cof)
+
+    def _at(self, time_s: float) -> tuple[Texture | None, Texture | None, float]:
+        """What is played at a time of the script: nothing, one texture, or a share of the way from it to another."""
+        if not self._times_s[0] <= time_s < self._times_s[-1]:
+            return None, None, 0.0
         index = bisect_right(self._times_s, time_s) - 1
         step, following = self.steps[index], self.steps[index + 1]
-        cof = step.texture.cof_under(finger)
         if step.interpolation == "hold":
-            return cof
+            return step.texture, None, 0.0
         share = (time_s - step.time_s) / (following.time_s - step.time_s)
         if step.interpolation == "cosine":
             share = 0.5 - 0.5 * math.cos(math.pi * share)
-        return _between(cof, following.texture.cof_under(finger), share)
+        return step.texture, following.texture, share
 
     def markers(self, after_s: float, until_s: float) -> tuple[Marker, ...]:
         """The markers due after one tick's time and up to another's; at their own times, in order."""

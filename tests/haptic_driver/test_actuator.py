@@ -7,7 +7,7 @@ from haptic_driver.actuator import EnvelopeActuator, SetpointActuator, actuator_
 from haptic_driver.config import load_rig
 from haptic_driver.errors import HapticError
 from haptic_driver.rig import build_rig
-from haptic_driver.signals import NO_COMMAND, DriveCommand
+from haptic_driver.signals import NO_COMMAND, NO_COURSE, Course, DriveCommand
 from haptic_driver.simulated_rig import SimulatedRig, simulated_amplifier, simulated_generator
 from hw.analog_output import AnalogOutputSettings
 from hw.simulated.analog_output import SimulatedAnalogOutput
@@ -54,13 +54,18 @@ class Bench:
         self.time_s += 1e-3
 
     def run(self, voltages_v, steps_each=1):
+        """A voltage to be reached in every `steps_each` ticks."""
         for voltage_v in voltages_v:
-            command = ON._replace(voltage_v=voltage_v)
-            self.actuator.command(self.time_s, command)
-            self.actuator.play(command)
+            self.actuator.command(self.time_s, ON._replace(voltage_v=voltage_v))
+            self.actuator.play(ON._replace(voltage_v=voltage_v), to(voltage_v, 1e-3 * steps_each))
             for _ in range(steps_each):
                 self.step()
         return np.array(self.seen_v)
+
+
+def to(voltage_v, span_s=1e-3):
+    """A course straight to a voltage."""
+    return Course(np.array([voltage_v**2]), span_s)
 
 
 @pytest.fixture
@@ -95,7 +100,7 @@ def test_the_carrier_alone_puts_nothing_out(bench):
 def test_a_command_without_output_ends_it_at_once(bench):
     seen_v = bench.run(np.full(300, 90.0))
     assert seen_v[-1] == pytest.approx(90.0, rel=2e-3)
-    bench.actuator.play(NO_COMMAND)
+    bench.actuator.play(NO_COMMAND, NO_COURSE)
     assert bench.output.terminal_v == -5.0
     bench.actuator.command(bench.time_s, NO_COMMAND)
     bench.step()
@@ -116,12 +121,48 @@ def test_an_envelope_that_runs_dry_is_zero_counted_and_begins_again_from_zero(be
 
 
 def test_commands_faster_or_slower_than_the_output_plays_keep_the_lead(bench):
+    within_s = LEAD_S / 8 + 1.1 / RATE_HZ  # nearer to it courses are left as they are: every change bends a texture
     for steps in (1, 2):
         bench.run(np.full(200, 90.0), steps)
-        assert bench.output.buffered_s == pytest.approx(LEAD_S - steps * 1e-3, abs=1.1 / RATE_HZ)
-    for _ in range(100):
-        bench.actuator.play(ON)
-    assert bench.output.buffered_s == pytest.approx(LEAD_S, abs=1.1 / RATE_HZ)
+        assert bench.output.buffered_s == pytest.approx(LEAD_S - steps * 1e-3, abs=within_s)
+    for span_s in (0.999e-3, 1.001e-3):  # a card whose clock is off by a tenth of a percent, more than any is
+        for _ in range(2000):
+            bench.actuator.play(ON, to(90.0, span_s))
+            bench.output.advance(1e-3)
+        assert bench.output.buffered_s == pytest.approx(LEAD_S - 1e-3, abs=within_s)
+    assert bench.actuator.underruns == 0
+
+
+def test_without_anything_new_the_last_voltage_is_held_and_not_for_nothing(bench):
+    bench.run(np.full(300, 90.0))
+    for _ in range(20):  # render stalls
+        bench.actuator.play(ON, NO_COURSE)
+        bench.step()
+    assert min(bench.seen_v[-20 * SAMPLES :]) == pytest.approx(90.0, rel=2e-3)
+    assert bench.actuator.underruns == 0
+    bench.actuator.play(ON, NO_COURSE)
+    waiting_s = bench.output.buffered_s
+    bench.actuator.play(ON, NO_COURSE)  # at once again, as a thread that is late does: nothing is put in between
+    assert bench.output.buffered_s == waiting_s
+
+
+def test_a_thread_that_plays_late_or_early_does_not_bend_the_texture(bench):
+    """Courses come in time with the ticks, two at once now and then: on the electrode they are as long as they were."""
+    bench.run(np.full(300, 90.0))
+    ticks = np.arange(400)
+    powers_v2 = (70.0 + 30.0 * np.sin(2.0 * np.pi * 100.0 * ticks * 1e-3)) ** 2
+    began, pending, late = len(bench.seen_v), [], np.random.default_rng(3).random(ticks.size) < 0.3
+    for power_v2, is_late in zip(powers_v2, late, strict=True):
+        pending.append(power_v2)
+        if not is_late or len(pending) == 2:
+            bench.actuator.play(ON, Course(np.array(pending), 1e-3 * len(pending)))
+            pending = []
+        bench.step()
+    seen_v2 = np.array(bench.seen_v[began:]) ** 2
+    at_s = np.arange(1, seen_v2.size + 1) / RATE_HZ
+    expected_v2 = np.interp(at_s, 1e-3 * ticks + LEAD_S, powers_v2)
+    # Nothing is stretched: what is late is within an eighth of the lead.
+    assert np.abs(seen_v2 - expected_v2)[50 * SAMPLES : 395 * SAMPLES].max() < 2e-3 * np.ptp(powers_v2)
     assert bench.actuator.underruns == 0
 
 
@@ -130,7 +171,7 @@ def test_what_fails_is_off_before_it_is_told(bench, broken):
     bench.run(np.full(300, 90.0))
     bench.output.broken = broken == "output"
     with pytest.raises(HapticError) as failed:
-        bench.actuator.play(ON if broken == "output" else ON._replace(voltage_v=151.0))  # of 150 V
+        bench.actuator.play(ON, to(80.0 if broken == "output" else 151.0))  # of 150 V
     assert failed.value.code == ("device_disconnected" if broken == "output" else "beyond_full_scale")
     assert bench.rig.state.value == "off"
     assert bench.electrode.voltage_v == 0.0
@@ -172,7 +213,7 @@ def test_set_points_are_the_command(rig_config, touch):
         actuator = SetpointActuator(bench.rig)
         for k in range(100):
             actuator.command(1e-3 * k, ON)
-            actuator.play(ON)
+            actuator.play(ON, NO_COURSE)
             bench.step(1e-3, 0.5, 0.04)
         assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
         assert actuator.off().output_on is False

@@ -15,8 +15,7 @@ import pytest
 
 from haptic_driver.daemon.control_process import Daemon
 from haptic_driver.daemon.records import DaemonState, RefusedError
-from haptic_driver.daemon.render_process import RenderSettings
-from haptic_driver.daemon.set_up import DaemonSettings, idle_stages, latency_budget_s
+from haptic_driver.daemon.set_up import DaemonSettings, latency_budget_s, render_settings
 from haptic_driver.daemon.simulated_lines import Lines
 from haptic_driver.errors import BadInputError
 from hw.transport.tcp import TcpTransport
@@ -36,7 +35,7 @@ def until(condition):
 @pytest.fixture(scope="module")
 def settings(rig_config, surface_file, tmp_path_factory):
     record = tmp_path_factory.mktemp("amplifier") / "record.txt"
-    render = RenderSettings(idle_stages(rig_config, surface_file))
+    render = render_settings(rig_config, surface_file)
     return DaemonSettings("simulated", "reference", rig_config, surface_file, render, amplifier_record=record)
 
 

@@ -11,8 +11,7 @@ import pytest
 from haptic_driver.config import load_rig
 from haptic_driver.daemon.control_process import Daemon
 from haptic_driver.daemon.records import DaemonState
-from haptic_driver.daemon.render_process import RenderSettings
-from haptic_driver.daemon.set_up import DaemonSettings, idle_stages
+from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.errors import HapticError
 
 HANG_S = 60.0
@@ -34,7 +33,7 @@ def record(tmp_path_factory):
 @pytest.fixture(scope="module")
 def running(surface_file, record):
     config = load_rig("simulated-envelope")
-    render = RenderSettings(idle_stages(config, surface_file))
+    render = render_settings(config, surface_file)
     settings = DaemonSettings("simulated-envelope", "reference", config, surface_file, render, amplifier_record=record)
     with Daemon(settings) as daemon:
         yield daemon

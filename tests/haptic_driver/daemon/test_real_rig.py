@@ -14,8 +14,7 @@ from haptic_driver.config import load_rig
 from haptic_driver.daemon.control_process import Daemon
 from haptic_driver.daemon.instruments import connect_real
 from haptic_driver.daemon.records import DaemonState, RefusedError
-from haptic_driver.daemon.render_process import RenderSettings
-from haptic_driver.daemon.set_up import DaemonSettings, idle_stages, latency_budget_s
+from haptic_driver.daemon.set_up import DaemonSettings, latency_budget_s, render_settings
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig_config import NiAnalogOutputConfig, NoFingerTracker, WatchdogConfig
 from haptic_driver.served_rig import ServedRig, as_real
@@ -66,7 +65,7 @@ def real_config(rig_config, served):
 
 @pytest.fixture(scope="module")
 def settings(real_config, surface_file):
-    render = RenderSettings(idle_stages(real_config, surface_file))
+    render = render_settings(real_config, surface_file)
     return DaemonSettings("served", "reference", real_config, surface_file, render, allow_no_rt=True)
 
 
@@ -144,7 +143,7 @@ def test_an_analog_output_in_the_file_is_opened_at_zero_and_makes_the_envelope(r
         assert instruments.actuator.name == "analog envelope"
         assert (made[0].resource, made[0].level_v) == ("Dev2/ao0", -5.0)
         budget = latency_budget_s(config, 0.001)
-        assert (budget["envelope"], budget["sensor"]) == (0.003, pytest.approx(0.0025))
+        assert (budget["envelope"], budget["sensor"]) == (pytest.approx(0.002), pytest.approx(0.0025))  # lead less a tick
     finally:
         assert instruments.close() is False
     assert made[0].level_v is None  # closed

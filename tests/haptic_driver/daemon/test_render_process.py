@@ -10,10 +10,10 @@ from itertools import pairwise
 
 import pytest
 
+from haptic_driver.daemon import set_up
 from haptic_driver.daemon.real_time import Due
-from haptic_driver.daemon.render_process import Ramp, Renderer, RenderSettings
+from haptic_driver.daemon.render_process import Ramp, Renderer
 from haptic_driver.daemon.samples import Flag
-from haptic_driver.daemon.set_up import idle_stages
 from haptic_driver.daemon.shared_state import NO_ORDER, Sensed, SharedState
 from haptic_driver.render.texture import Uniform
 
@@ -69,7 +69,7 @@ class Bench:
 
 @pytest.fixture(scope="session")
 def render_settings(rig_config, surface_file):
-    return RenderSettings(idle_stages(rig_config, surface_file))
+    return set_up.render_settings(rig_config, surface_file)
 
 
 @pytest.fixture

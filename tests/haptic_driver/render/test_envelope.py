@@ -8,21 +8,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render import safety
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
-from haptic_driver.render.envelope import EnvelopeSettings, EnvelopeState, envelope, synthesise
+from haptic_driver.render.envelope import ahead, straight, synthesise
 from haptic_driver.render.finger import FingerSettings
 from haptic_driver.render.safety import first_outside, gate_envelope
-from haptic_driver.render.texture import Grating, Profile, Uniform
+from haptic_driver.render.texture import Grating, Profile, Script, Step, Uniform
 from haptic_driver.render.tick import TickSettings, TickState, tick
-from haptic_driver.signals import FingerSample, OperatingPoint
+from haptic_driver.signals import COURSE_POINTS, FingerSample, OperatingPoint
 from model.touch_model import Conditions
 
 CARRIER_HZ = 250.0
-SETTINGS = EnvelopeSettings()
+TICK_S, SAMPLES = 1e-3, 50
 
 
 @pytest.fixture(scope="module")
@@ -37,28 +36,32 @@ def stages(surface, limits):
 
 
 def play(stages, texture, count=200, speed_m_s=0.1, force_n=0.5):
-    """Blocks of a finger that slides from x = 10 mm on; and the last tick."""
+    """Voltage squared at the points of the way of a finger that slides from x = 10 mm on; and the last state."""
     stages = replace(stages, texture=texture)
-    state, state_of_envelope, blocks = TickState(), EnvelopeState(), []
+    state, courses = TickState(), []
     for k in range(count):
-        sample = FingerSample(1.0 + 1e-3 * k, 0.01 + speed_m_s * 1e-3 * k, 0.0, force_n)
+        sample = FingerSample(1.0 + TICK_S * k, 0.01 + speed_m_s * TICK_S * k, 0.0, force_n)
         state, done = tick(stages, state, sample)
-        state_of_envelope, block = envelope(SETTINGS, stages, state_of_envelope, state, done)
-        blocks.append(block)
-    return state_of_envelope, blocks
+        if done.command.voltage_v == done.wanted.voltage_v:
+            state, course_v2 = ahead(stages, state, done, TICK_S)
+        else:
+            course_v2 = straight(courses[-1][-1] if courses else 0.0, done.command.voltage_v**2)
+        courses.append(course_v2)
+    return state, np.concatenate(courses)
 
 
-def played(blocks):
-    return np.concatenate([block.voltage_v for block in blocks])
+def played(courses):
+    """Samples at 50 kHz."""
+    powers_v2 = np.concatenate(((0.0,), courses[1]))
+    samples_v = np.empty(courses[1].size // COURSE_POINTS * SAMPLES)
+    synthesise(powers_v2, samples_v)
+    return samples_v
 
 
 def test_a_steady_target_gives_the_voltage_that_the_model_wants(stages, touch):
-    _, blocks = play(stages, Uniform(0.7), 50)
-    last = blocks[-1]
-    assert last.output_on
-    assert last.frequency_hz == CARRIER_HZ
-    assert np.ptp(last.voltage_v) < 1e-9
-    drive = (np.array([x]) for x in (CARRIER_HZ, last.voltage_v[0], 0.5))
+    voltage_v = played(play(stages, Uniform(0.7), 50))[-SAMPLES:]
+    assert np.ptp(voltage_v) < 1e-9
+    drive = (np.array([x]) for x in (CARRIER_HZ, voltage_v[0], 0.5))
     assert touch.predict(Conditions(*drive)).cof[0] == pytest.approx(0.7, rel=1e-3)  # the inversion's promise
 
 
@@ -66,7 +69,7 @@ def test_a_steady_target_gives_the_voltage_that_the_model_wants(stages, touch):
 def test_texture_far_above_the_ticks_own_rate_reaches_the_friction(stages, touch, texture_hz):
     """At 100 mm/s; friction by the direct model at every sample, against the grating under the finger."""
     grating = Grating(0.7, 0.1, 0.1 / texture_hz)
-    voltage_v = played(play(stages, grating)[1])[-5000:]  # 100 ms
+    voltage_v = played(play(stages, grating))[-5000:]  # 100 ms
     given_v = np.linspace(0.0, 130.0, 400)  # friction is smooth: the model at these, a line between them
     cof = touch.predict(Conditions(np.full(400, CARRIER_HZ), given_v, np.full(400, 0.5))).cof
     felt = np.interp(voltage_v, given_v, cof)
@@ -79,42 +82,63 @@ def test_texture_far_above_the_ticks_own_rate_reaches_the_friction(stages, touch
 def test_held_from_tick_to_tick_the_same_texture_is_lost(stages):
     """What the envelope is for: ticks see 800 Hz at 1 kHz as 200 Hz."""
     grating = Grating(0.7, 0.1, 0.1 / 800.0)
-    power = played(play(stages, grating)[1])[-5000:] ** 2
+    power = played(play(stages, grating))[-5000:] ** 2
     spectrum = np.abs(np.fft.rfft(power - power.mean()))
     assert 10.0 * spectrum.argmax() == 800.0
     held = np.repeat(power[49::50], 50)
     assert 10.0 * np.abs(np.fft.rfft(held - held.mean())).argmax() == 200.0
 
 
-def test_a_touch_comes_up_within_its_rise(stages):
-    _, blocks = play(stages, Uniform(0.7), 30, speed_m_s=0.0)
-    voltage_v = played(blocks)
+def test_a_touch_comes_up_at_the_drive_stages_rate(stages):
+    """10 V per millisecond, in lines that are straight in voltage squared: at most the root of 10 V x 10 V at first."""
+    voltage_v = played(play(stages, Uniform(0.7), 30, speed_m_s=0.0))
     full_v = voltage_v[-1]
-    assert np.diff(voltage_v[: SETTINGS.samples * 10]).max() < 0.05 * full_v
-    assert voltage_v[SETTINGS.samples * 10 :] == pytest.approx(full_v)
-    assert voltage_v[0] < 0.01 * full_v
+    each_ms = voltage_v[SAMPLES - 1 :: SAMPLES]
+    assert np.diff(each_ms).max() == pytest.approx(10.0, abs=0.01)
+    assert each_ms[0] == 0.0  # time has not passed yet
+    assert (np.diff(voltage_v) > -1e-9).all()
+    assert voltage_v[math.ceil(full_v / 10.0 + 1.0) * SAMPLES :] == pytest.approx(full_v)
+
+
+def test_the_rise_does_not_hold_back_a_fast_texture(stages):
+    """At 800 Hz a texture of +/-0.1 moves by more than the 10 V per tick that a touch may rise by."""
+    state, powers_v2 = play(stages, Grating(0.7, 0.1, 0.1 / 800.0))
+    voltage_v = np.sqrt(powers_v2[-100 * COURSE_POINTS :])
+    assert np.abs(np.diff(voltage_v[::COURSE_POINTS])).max() > 10.0
+    assert state.drive.voltage_v == voltage_v[-1]
+
+
+def test_a_fall_is_at_once_and_a_rise_straight():
+    assert (straight(400.0, 100.0) == 100.0).all()
+    assert straight(0.0, 100.0) == pytest.approx(np.arange(1, COURSE_POINTS + 1) / COURSE_POINTS * 100.0)
 
 
 def test_without_contact_and_off_the_texture_there_is_nothing(stages):
-    _, blocks = play(stages, Uniform(0.7), 5, force_n=0.02)
-    assert not any(block.output_on for block in blocks)
-    assert not played(blocks).any()
-    _, blocks = play(stages, Profile([0.5, 0.6], [0.7, 0.7]), 5)
-    assert not played(blocks).any()
+    assert not play(stages, Uniform(0.7), 5, force_n=0.02)[1].any()
+    assert not play(stages, Profile([0.5, 0.6], [0.7, 0.7]), 5)[1].any()
 
 
-def test_no_step_between_blocks_but_the_textures_own(stages):
-    voltage_v = played(play(stages, Grating(0.7, 0.1, 0.01))[1])[1000:]
+def test_a_script_plays_its_textures_within_a_tick_too(stages):
+    """Held alone; half way from one friction to the same texture on top of it, the sum of halves."""
+    grating = Grating(0.7, 0.1, 0.1 / 800.0)
+    held = Script((Step(0.0, grating), Step(9.0, Uniform(0.5))), start_s=1.0)
+    np.testing.assert_array_equal(play(stages, held)[1], play(stages, grating)[1])
+    faded = Script((Step(-9.0, Uniform(0.7), "linear"), Step(9.0, Grating(0.7, 0.2, 0.1 / 800.0))), start_s=1.1)
+    _, at_once = play(stages, faded, 101)  # the last tick is at 1.1 s, half way
+    # Up to there the amplitude has grown by 0.1 / 9 s of 0.1 s: 0.1 %, and another rise with it.
+    np.testing.assert_allclose(at_once[-COURSE_POINTS:], play(stages, grating, 101)[1][-COURSE_POINTS:], rtol=2e-3)
+
+
+def test_no_step_between_ticks_but_the_textures_own(stages):
+    voltage_v = played(play(stages, Grating(0.7, 0.1, 0.01)))[1000:]
     # 10 Hz between 70 and 110 V: at most 2 pi 10 Hz 20 V / 50 kHz = 0.025 V per sample, twice that for its asymmetry
     assert np.abs(np.diff(voltage_v)).max() < 0.05
 
 
 def test_root_of_straight_force():
     out = np.empty(4)
-    synthesise(np.array([100.0, 400.0, 0.0]), 1.0, 1.0, out)
+    synthesise(np.array([100.0, 400.0, 0.0]), out)
     np.testing.assert_allclose(out, np.sqrt([250.0, 400.0, 200.0, 0.0]))
-    synthesise(np.array([100.0, 100.0]), 0.0, 1.0, out)
-    np.testing.assert_allclose(out, [2.5, 5.0, 7.5, 10.0])
 
 
 # --- the last gate ---------------------------------------------------------------------------------------------
@@ -127,7 +151,7 @@ PEAK = OperatingPoint(250.0, 100.0, 0.8, 1e-5, 1e-5, True, 0.5, 0.9)
     st.integers(0, 59),
     st.sampled_from([100.1, -1e-9, math.nan, math.inf]),
 )
-def test_one_bad_sample_refuses_the_block(samples, where, bad):
+def test_one_bad_point_refuses_all(samples, where, bad):
     limits = OperatingLimits(150.0, 1.0, 1e6)
     block = np.array(samples)
     assert gate_envelope(limits, safety.INITIAL, PEAK, block) == (safety.INITIAL, False)
@@ -137,7 +161,7 @@ def test_one_bad_sample_refuses_the_block(samples, where, bad):
     state, refused = gate_envelope(limits, safety.INITIAL, PEAK, block)
     assert refused
     assert state.rejections == 1
-    assert f"sample {where}" in state.last_reason
+    assert f"point {where}" in state.last_reason
 
 
 @pytest.mark.parametrize(
@@ -155,13 +179,10 @@ def test_a_peak_beyond_any_limit_refuses_the_block(tight):
     assert gate_envelope(limits, safety.INITIAL, PEAK, np.full(50, 1.0))[1]
 
 
-def test_a_refused_block_is_zero_and_the_touch_comes_up_anew(stages, limits):
+def test_a_refused_point_leaves_nothing(stages, limits):
     """The surface was made ready for 150 V; a gate that knows of 50 V refuses what it offers."""
     strict = replace(stages, limits=replace(limits, voltage_v=50.0))
-    state, blocks = play(strict, Uniform(0.7), 20)
-    assert not any(block.output_on for block in blocks)
-    assert not played(blocks).any()
-    assert state.risen == 0.0
+    assert not play(strict, Uniform(0.7), 20)[1].any()
 
 
 def test_a_refusal_of_the_envelopes_own_gate_is_counted(stages, limits):
@@ -170,12 +191,6 @@ def test_a_refusal_of_the_envelopes_own_gate_is_counted(stages, limits):
     strict = replace(
         stages, limits=replace(limits, voltage_v=60.0), finger=FingerSettings(velocity_time_constant_s=1e-3)
     )
-    state, blocks = play(strict, steep, 10)
+    state, powers_v2 = play(strict, steep, 10)
     assert state.safety.rejections >= 1
-    assert max(block.voltage_v.max() for block in blocks) <= 60.0
-
-
-@pytest.mark.parametrize("wrong", [{"points": 0}, {"points": 51}, {"tick_s": 0.0}, {"rise_s": math.nan}])
-def test_settings_without_meaning_are_refused(wrong):
-    with pytest.raises(BadInputError):
-        EnvelopeSettings(**wrong)
+    assert powers_v2.max() <= 60.0**2

@@ -1,4 +1,4 @@
-"""The loop from render through pump and instruments to the finger, in made-up time: what a start teaches."""
+"""The loop from render through pump and instruments to the finger, in made-up time."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from haptic_driver.actuator import make_actuator
 from haptic_driver.config import load_rig
 from haptic_driver.daemon.output_pump import START_S, OutputPump
 from haptic_driver.daemon.real_time import Due
-from haptic_driver.daemon.render_process import Renderer, RenderSettings
-from haptic_driver.daemon.set_up import idle_stages
+from haptic_driver.daemon.render_process import Renderer
+from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.shared_state import NO_ORDER, Sensed, SharedState
-from haptic_driver.render.texture import Uniform
+from haptic_driver.render.texture import Grating, Uniform
 from haptic_driver.rig import build_rig
 from haptic_driver.rig_config import NoAnalogOutput
 from haptic_driver.simulated_rig import simulated_amplifier, simulated_generator, surface_friction
@@ -53,17 +53,19 @@ class Loop:
         self.shared, self.now_s, self.order, self.number = SharedState(), 1000.0, NO_ORDER, 0
         self.failures = []
         self.pump = OutputPump(
-            self.shared.output, self.shared.driven, config.output.setpoint_interval_s, self.failures.append,
-            lambda: self.now_s,
+            self.shared, config.output.setpoint_interval_s, TICK_S, self.failures.append, lambda: self.now_s
         )  # fmt: skip
         self.pump.actuator = make_actuator(config, self.rig, self.card)
-        settings = RenderSettings(idle_stages(config, surface_file), TICK_S)
-        self.renderer = Renderer(settings, self.shared, clock=lambda: self.now_s)
+        self.renderer = Renderer(render_settings(config, surface_file), self.shared, clock=lambda: self.now_s)
 
     def set(self, cof):
         """What control does when somebody asks for a friction."""
+        self.play(Uniform(cof))
+
+    def play(self, target):
+        """The same for a texture."""
         number = self.order.number + 1
-        self.shared.targets.write(self.order.target + 1, Uniform(cof))
+        self.shared.targets.write(self.order.target + 1, target)
         self.order = self.order._replace(
             number=number, arming=1, rendering=True, lease_until_s=math.inf, target=self.order.target + 1
         )
@@ -150,3 +152,20 @@ def test_gaps_of_an_envelope_are_counted_and_teach_nothing(surface_file):
     assert loop.pump.underruns == 1
     assert np.abs(learnt - 1.0).max() < 0.03
     loop.close()
+
+
+def test_a_texture_faster_than_half_the_ticks_reaches_the_electrode(surface_file):
+    """800 Hz at 40 mm/s; held from tick to tick it would be 200 Hz."""
+    loop = Loop("simulated-envelope", surface_file, 1.0)
+    loop.run(0.3)
+    loop.play(Grating(0.65, 0.03, SPEED_M_S / 800.0))
+    loop.run(1.0)
+    began = len(loop.card.played_v)
+    loop.run(0.25)
+    voltage_v = (np.array(loop.card.played_v[began:]) + 5.0) / 10.0 * 150.0
+    force = np.fft.rfft(voltage_v**2) / voltage_v.size
+    hz = np.fft.rfftfreq(voltage_v.size, 1.0 / 50e3)
+    loop.close()
+    assert hz[1 + np.abs(force[1:]).argmax()] == pytest.approx(800.0, rel=0.01)
+    assert np.abs(force[np.abs(hz - 800.0) < 40.0]).max() > 20.0 * np.abs(force[np.abs(hz - 200.0) < 40.0]).max()
+    assert loop.failures == []
