@@ -95,7 +95,9 @@ class RunWriter:
         except (OSError, RuntimeError) as error:
             self._tidy()
             raise BadInputError(
-                "recording_not_made", f"{path}: cannot be written ({error})", "Choose a file on a local disk with space"
+                "recording_not_made",
+                f"{path}: cannot be written ({self._said(error)})",
+                "Choose a file on a local disk with space",
             ) from error
 
     def append(self, chunk: Chunk) -> None:
@@ -146,7 +148,7 @@ class RunWriter:
         except (OSError, RuntimeError, KeyError) as error:
             self._tidy()
             raise HapticError(
-                "recording_failed", f"{self.path}: recording stopped, what came before is kept ({error})",
+                "recording_failed", f"{self.path}: recording stopped, what came before is kept ({self._said(error)})",
                 "Make room on the disk, or choose another file, and record again",
             ) from error  # fmt: skip
 
@@ -156,6 +158,10 @@ class RunWriter:
         os.link(self.path, spare)
         os.replace(self._behind, self.path)
         os.replace(spare, self._behind)
+
+    def _said(self, error: Exception) -> str:
+        """What went wrong, without the name of a file that nobody has asked for."""
+        return str(error).replace(str(self._behind), str(self.path))
 
     def _tidy(self) -> None:
         remove_hidden(self.path)

@@ -272,6 +272,7 @@ def test_a_full_disk_ends_the_recording_and_keeps_what_there_was(tmp_path, share
     why = await_end(recorder)
     assert "recording stopped" in why
     assert "Make room on the disk" in why
+    assert ".behind" not in why
     assert read_run(tmp_path / "run.h5").samples["tick"].tolist() == list(range(20))
     assert os.listdir(tmp_path) == ["run.h5"]
 
