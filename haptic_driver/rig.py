@@ -126,7 +126,8 @@ class Rig:
         self._step_v = config.output.voltage_rise_v_per_s * self._interval_s
         self._lock_timeout_s = 4.0 * config.waveform_generator.reply_timeout_s
         self._energising = threading.RLock()  # held by whoever may raise the voltage
-        self._withdrawals = 0  # calls of `off`; a change tells a thread that is switching on to stop
+        self._withdrawals = self._concluded = 0  # calls of `off`, begun and ended; see `_go_on`
+        self._counting = threading.Lock()
         self._state = RigState.UNKNOWN
         self._trip: str | None = None
         self._on = False
@@ -179,7 +180,7 @@ class Rig:
             self._check_limits(command)
             self._lapse(time_s)
             with self._energising:
-                withdrawals = self._withdrawals
+                withdrawals = self._concluded
                 self._refresh(time_s)
                 if not self._on or self._due(time_s):
                     self._write(time_s, command, withdrawals)
@@ -204,9 +205,10 @@ class Rig:
         if self._energising.acquire(blocking=False):  # else another thread is at it, and checks by itself
             try:
                 with self._safe():
+                    withdrawals = self._concluded
                     if self._on:
-                        self._check_lines()
-                    self._check_voltage(time_s)
+                        self._check_lines(withdrawals)
+                    self._check_voltage(time_s, withdrawals)
             finally:
                 self._energising.release()
 
@@ -220,7 +222,8 @@ class Rig:
 
         Never raises; says what is known.
         """
-        self._withdrawals += 1
+        with self._counting:
+            self._withdrawals += 1
         free = self._energising.acquire(blocking=False)
         evidence = self._switch_off()
         if not free:
@@ -232,6 +235,8 @@ class Rig:
         try:
             self._conclude(evidence)
         finally:
+            with self._counting:
+                self._concluded += 1
             if free:
                 self._energising.release()
         return evidence
@@ -244,7 +249,7 @@ class Rig:
         if not self._energising.acquire(timeout=self._lock_timeout_s):
             return self.off()
         try:
-            self._ramp_down(self._withdrawals)
+            self._ramp_down(self._concluded)
             self._generator.off()
         except (DeviceError, _Withdrawn) as error:
             _log.warning("ramping down: %s", error)
@@ -295,8 +300,8 @@ class Rig:
     def _write(self, time_s: float, command: DriveCommand, withdrawals: int) -> None:
         """One set point, a bounded step up from the last or from the minimum."""
         if self._on:
-            self._check_lines()
-            self._check_voltage(time_s)
+            self._check_lines(withdrawals)
+            self._check_voltage(time_s, withdrawals)
         else:
             self._switch_on(command.frequency_hz, withdrawals)
         written = self._written
@@ -311,26 +316,27 @@ class Rig:
     def _switch_on(self, frequency_hz: float, withdrawals: int) -> None:
         """Output on at the generator's minimum, then the amplifier enabled; anybody's `off` in between ends it."""
         if self._amplifier.fault:
-            self._trip_now("the amplifier's fault line says fault")
+            self._trip_now("the amplifier's fault line says fault", withdrawals)
         self._on = True  # from here on it may be
         self._generator.set_point(frequency_hz, self._generator.minimum_voltage_v, modulation=self._modulation)
         self._go_on(withdrawals)
         self._generator.set_output(True)
         self._go_on(withdrawals)
-        self._enable()
-        self._go_on(withdrawals)
+        self._enable(withdrawals)
         self._set_state(RigState.ON, f"commanded, {frequency_hz:g} Hz")
 
-    def _enable(self) -> None:
+    def _enable(self, withdrawals: int) -> None:
         state = self._amplifier.enable()
+        self._go_on(withdrawals)
         if state is AmplifierState.TRIPPED:
-            self._trip_now("the amplifier tripped when it was enabled")
+            self._trip_now("the amplifier tripped when it was enabled", withdrawals)
         if state is AmplifierState.DISABLED:
             raise BadReply(
                 "amplifier: its enable line reads low after being raised", "check the line, the interlock, the E-stop"
             )
 
     def _go_on(self, withdrawals: int) -> None:
+        """Stop when somebody has called `off` since there had been so many, or is at it: who calls it does not wait."""
         if withdrawals != self._withdrawals:
             raise _Withdrawn
 
@@ -355,21 +361,22 @@ class Rig:
             self._set_state(RigState.UNKNOWN, f"not refreshed for {silent_s:.3g} s")
             self.off()
 
-    def _check_lines(self) -> None:
+    def _check_lines(self, withdrawals: int) -> None:
         """Trip when the amplifier does not say that it is on, or gives more current than it may."""
         state = self._amplifier.state
         if state is AmplifierState.TRIPPED:
-            self._trip_now("the amplifier's fault line says fault")
+            self._trip_now("the amplifier's fault line says fault", withdrawals)
         if state is AmplifierState.DISABLED:
-            self._trip_now("the amplifier's enable line reads low: interlock or E-stop")
+            self._trip_now("the amplifier's enable line reads low: interlock or E-stop", withdrawals)
         current_a = self._amplifier.monitor_current_a()
         if current_a is not None and abs(current_a) > self._amplifier.settings.current_limit_a:
             self._trip_now(
                 f"the current monitor reads {current_a:.3g} A, the limit is "
-                f"{self._amplifier.settings.current_limit_a:g} A"
+                f"{self._amplifier.settings.current_limit_a:g} A",
+                withdrawals,
             )
 
-    def _check_voltage(self, time_s: float) -> None:
+    def _check_voltage(self, time_s: float, withdrawals: int) -> None:
         """Trip when the monitor contradicts what was commanded: at once when it reads too much.
 
         Too little must last, since nobody is hurt by it and a busy computer or instrument may be late with a voltage.
@@ -382,13 +389,13 @@ class Rig:
         tolerance_v = max(self.safety.monitor_tolerance_v, self.safety.monitor_tolerance * high_v)
         reads = f"the monitor reads {abs(voltage_v):.3g} V where {low_v:.3g}..{high_v:.3g} V were commanded"
         if abs(voltage_v) > high_v + tolerance_v:
-            self._trip_now(reads)
+            self._trip_now(reads, withdrawals)
         if abs(voltage_v) >= low_v - tolerance_v:
             self._too_low_s = None
         elif self._too_low_s is None:
             self._too_low_s = time_s
         elif time_s - self._too_low_s >= self.safety.settle_s:
-            self._trip_now(f"{reads}, for {time_s - self._too_low_s:.2g} s")
+            self._trip_now(f"{reads}, for {time_s - self._too_low_s:.2g} s", withdrawals)
 
     def _commanded_range_v(self, time_s: float) -> tuple[float, float]:
         """Lowest and highest voltage commanded within `settle_s`, that in force at its beginning included."""
@@ -399,8 +406,9 @@ class Rig:
         voltages_v = [one.voltage_v for one in told]
         return min(voltages_v), max(voltages_v)
 
-    def _trip_now(self, reason: str) -> None:
-        """Latch, switch off, and raise."""
+    def _trip_now(self, reason: str, withdrawals: int) -> None:
+        """Latch, switch off, and raise; not for what an `off` has done, whose own evidence counts."""
+        self._go_on(withdrawals)
         self._latch(reason)
         evidence = self.off()
         raise HapticError("tripped", f"the rig tripped: {reason} (output: {evidence})", "remove the cause, then reset")

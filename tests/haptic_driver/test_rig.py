@@ -1,6 +1,8 @@
 """The rig as drivers see it: when set points are sent, when it switches off, and what it claims to know then."""
 
 import math
+import threading
+import time
 
 import pytest
 
@@ -441,6 +443,40 @@ def test_a_voltage_that_comes_late_and_then_comes_is_no_trip(bench):
     bench.rig.hold(0.6)  # counts anew
     bench.rig.hold(0.74)
     assert bench.rig.state is RigState.ON
+
+
+@pytest.mark.parametrize("seen_by", ["watch", "command"])
+@pytest.mark.parametrize("began", ["before", "meanwhile"])
+def test_an_off_of_another_thread_is_no_contradiction(bench, monkeypatch, seen_by, began):
+    """Found in the daemon: who looked while somebody switched off saw the enable line low, and tripped."""
+    bench.rig.command(0.0, on(80.0))
+    bench.rig.hold(0.3)
+    reading, thread = bench.amplifier.read, threading.Thread(target=bench.rig.off)
+
+    def off_begins():
+        thread.start()
+        while reading():  # until its line is low; it then waits for who looks
+            time.sleep(0.001)
+
+    def read():
+        if not thread.ident:
+            off_begins()
+        return reading()
+
+    if began == "meanwhile":
+        monkeypatch.setattr(bench.amplifier, "read", read)
+    else:
+        bench.rig._energising.acquire()
+        off_begins()
+    bench.rig.watch(0.4) if seen_by == "watch" else bench.rig.command(0.4, on(81.0))
+    if began == "before":
+        bench.rig._energising.release()
+    thread.join()
+    assert bench.rig.trip_reason is None
+    assert bench.rig.state is RigState.OFF
+    assert bench.voltage_v == 0.0
+    bench.rig.command(1.0, on(80.0))
+    assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
 
 
 def test_a_trip_stays_while_its_reason_may(bench):
