@@ -178,7 +178,7 @@ class Supervisor:
             except DeviceError as error:
                 self._lose(WATCHDOG, error.message)
                 return
-        instruments.rig.watch(now_s)
+        instruments.rig.watch(self._clock())  # what came before may have waited
 
     def _why_lost(self, instruments: Instruments, now_s: float) -> str | None:
         """Why the instruments have to be connected anew; None where they have not."""

@@ -65,7 +65,10 @@ class ControllerSettings:
             f = self.fixed_frequency_hz
             if f is None or not low * (1 - 1e-9) <= f <= high * (1 + 1e-9):
                 raise BadInputError(
-                    "bad_frequency", f"fixed frequency {f} Hz is not on the surface", f"Give {low:g}..{high:g} Hz"
+                    "bad_frequency",
+                    "policy fixed_frequency: "
+                    + ("no frequency is given" if f is None else f"{f:g} Hz is not on the surface"),
+                    f"Give fixed_frequency_hz of {low:g}..{high:g} Hz",
                 )
         elif self.band[0] >= self.band[1]:
             raise BadInputError(

@@ -6,7 +6,6 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -16,9 +15,9 @@ import pytest
 from haptic_driver.client import HapticClient
 from haptic_driver.daemon.records import DaemonState, RefusedError
 from haptic_driver.errors import BadInputError, HapticError
+from tests.haptic_driver.daemon.waiting import HANG_S, until
 
 SCRIPT = Path(sys.executable).with_name("haptic")
-HANG_S = 120.0
 LONG_S = 60.0  # a lease that a busy machine does not lose
 
 
@@ -47,13 +46,6 @@ def client(announced):
     with HapticClient(Path(announced["socket"])) as client:
         yield client
         client.disarm()
-
-
-def until(condition):
-    until_s = time.monotonic() + HANG_S
-    while not condition():
-        assert time.monotonic() < until_s
-        time.sleep(0.1)
 
 
 def test_a_friction_is_rendered_and_switched_off(client):

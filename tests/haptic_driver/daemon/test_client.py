@@ -19,8 +19,8 @@ from haptic_driver.daemon.processes import Place
 from haptic_driver.daemon.records import DaemonState, RefusedError
 from haptic_driver.daemon.server import serve
 from haptic_driver.errors import BadInputError, HapticError
+from tests.haptic_driver.daemon.waiting import HANG_S, until
 
-HANG_S = 60.0
 LONG_S = 5.0  # a lease that a busy machine does not lose
 
 
@@ -45,13 +45,6 @@ def socket(control, tmp_path):
 def client(socket):
     with HapticClient(socket) as client:
         yield client
-
-
-def until(condition):
-    until_s = time.monotonic() + HANG_S
-    while not condition():
-        assert time.monotonic() < until_s
-        time.sleep(0.01)
 
 
 def test_a_session_asks_and_leaves_the_output_off(client, control):

@@ -19,17 +19,7 @@ from haptic_driver.daemon.set_up import DaemonSettings, latency_budget_s, render
 from haptic_driver.daemon.simulated_lines import Lines
 from haptic_driver.errors import BadInputError
 from hw.transport.tcp import TcpTransport
-
-HANG_S = 30.0
-
-
-def until(condition):
-    """Wait for it; what it gave."""
-    until_s = time.monotonic() + HANG_S
-    while not (found := condition()):
-        assert time.monotonic() < until_s
-        time.sleep(0.005)
-    return found
+from tests.haptic_driver.daemon.waiting import HANG_S, keep_rendering, until
 
 
 @pytest.fixture(scope="module")
@@ -65,11 +55,6 @@ def refusal(call, *arguments):
     with pytest.raises(RefusedError) as refused:
         call(*arguments)
     return refused.value.code
-
-
-def keep_rendering(daemon, token, condition):
-    """Renew the lease until the condition holds."""
-    return until(lambda: daemon.renew(token) and condition())
 
 
 def test_friction_follows_its_target_through_bytes_and_back(daemon, electrode_v):

@@ -13,16 +13,7 @@ from haptic_driver.daemon.control_process import Daemon
 from haptic_driver.daemon.records import DaemonState
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.errors import HapticError
-
-HANG_S = 60.0
-
-
-def until(condition):
-    until_s = time.monotonic() + HANG_S
-    while not (found := condition()):
-        assert time.monotonic() < until_s
-        time.sleep(0.005)
-    return found
+from tests.haptic_driver.daemon.waiting import keep_rendering, until
 
 
 @pytest.fixture(scope="module")
@@ -54,10 +45,6 @@ def history(record):
         return [(float(t), float(v)) for t, _, v in lines if float(t) > time_s]
 
     return since
-
-
-def keep_rendering(daemon, token, condition):
-    return until(lambda: daemon.renew(token) and condition())
 
 
 def test_the_electrode_follows_every_tick_and_not_only_every_set_point(daemon, history):

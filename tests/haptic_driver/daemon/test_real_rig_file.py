@@ -8,7 +8,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -17,8 +16,8 @@ from haptic_driver.client import HapticClient
 from haptic_driver.daemon.records import DaemonState
 from hw.stage import Lts150, StageSettings
 from hw.transport.resource import make_transport
+from tests.haptic_driver.daemon.waiting import HANG_S, until
 
-HANG_S = 120.0
 RESTING = 1.0  # well above what a finger that has not slid yet is trusted to feel
 SIMULATED = Path(__file__).parents[3] / "configs" / "rigs" / "simulated.toml"
 REST = """
@@ -89,13 +88,6 @@ def asked(endpoint, *lines):
             stream.flush()
             answers.append(float(stream.readline()))
         return answers
-
-
-def until(condition):
-    until_s = time.monotonic() + HANG_S
-    while not condition():
-        assert time.monotonic() < until_s
-        time.sleep(0.05)
 
 
 @pytest.mark.timeout(600)
