@@ -18,8 +18,9 @@ import numpy as np
 
 from benchmarks import api_load
 from benchmarks.claim import Claim
-from haptic_driver.daemon.control_process import SWITCH_INTERVAL_S, Daemon
+from haptic_driver.daemon.control_process import Daemon
 from haptic_driver.daemon.processes import Place
+from haptic_driver.daemon.real_time import SWITCH_INTERVAL_S
 from haptic_driver.daemon.run import PAGE_FOLDER
 from haptic_driver.daemon.server import serve
 from haptic_driver.daemon.set_up import daemon_settings

@@ -38,7 +38,6 @@ from haptic_driver.rig import RigEvent, RigState
 from haptic_driver.textures.library import load, texture_names
 from hw.errors import DeviceError
 
-SWITCH_INTERVAL_S = 5e-4  # a busy thread of the API keeps the pump waiting for so long, and not for 5 ms
 WATCH_PERIOD_S = 0.02
 TAKE_OVER_S = 0.5  # render takes up a target within a tick; a stalled one never
 MEASURED_SAMPLES = 100

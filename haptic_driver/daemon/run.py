@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import logging
 import signal
-import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from haptic_driver.daemon.control_process import SWITCH_INTERVAL_S, Daemon
+from haptic_driver.daemon.control_process import Daemon
 from haptic_driver.daemon.outlets import LslOutlet, OscOutlet, Outlet, feeding
 from haptic_driver.daemon.processes import Place, default_socket
 from haptic_driver.daemon.real_time import take_precedence
@@ -43,7 +42,6 @@ def run_daemon(
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, frame: ended.set())
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
     take_precedence()
     place = Place(socket or default_socket())
     try:

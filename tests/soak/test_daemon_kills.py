@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from haptic_driver.daemon.control_process import Daemon
+from haptic_driver.daemon.real_time import take_precedence
 from haptic_driver.daemon.records import DaemonState
 from haptic_driver.daemon.set_up import daemon_settings
 
@@ -58,6 +59,7 @@ def test_every_kill_leaves_zero_within_the_lease(killable_daemon, process_exists
 @pytest.mark.soak
 @pytest.mark.timeout(RENDER_S + 600)
 def test_an_hour_of_rendering_keeps_its_ticks_and_its_memory():
+    take_precedence()  # as `haptic daemon run` does
     with Daemon(daemon_settings(RIG, "reference")) as daemon:
         lease = daemon.arm(2.0)
         daemon.play(lease.token, "grating")

@@ -17,6 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from haptic_driver.daemon.control_process import Daemon
+from haptic_driver.daemon.real_time import take_precedence
 from haptic_driver.daemon.records import DaemonState
 from haptic_driver.daemon.set_up import daemon_settings
 from haptic_driver.errors import HapticError
@@ -46,6 +47,7 @@ def go(daemon: Daemon) -> str:
 
 def main() -> None:
     record, rig = Path(sys.argv[1]), sys.argv[2]
+    take_precedence()  # as `haptic daemon run` does
     with Daemon(daemon_settings(rig, "reference", amplifier_record=record)) as daemon:
         token, told = go(daemon), None
         while True:

@@ -127,4 +127,5 @@ def test_a_machine_that_allows_no_precedence_is_no_failure(monkeypatch):
         raise PermissionError
 
     monkeypatch.setattr(os, "setpriority", refuse)
+    monkeypatch.setattr(sys, "setswitchinterval", lambda interval_s: None)  # of this process, for the tests to come
     assert real_time.take_precedence() is False
