@@ -12,6 +12,7 @@ lease, and the daemon ramps the output to zero by itself.
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
@@ -39,7 +40,17 @@ from haptic_driver.daemon.api_records import (
     samples_of,
 )
 from haptic_driver.daemon.processes import default_socket
-from haptic_driver.daemon.records import ArmRequest, Event, Lease, Record, RefusedError, Status, Target, TextureChoice
+from haptic_driver.daemon.records import (
+    ArmRequest,
+    Event,
+    Lease,
+    ModelChoice,
+    Record,
+    RefusedError,
+    Status,
+    Target,
+    TextureChoice,
+)
 from haptic_driver.errors import BadInputError, HapticError
 
 TIMEOUT_S = 10.0  # switching off waits for a slow instrument
@@ -106,8 +117,7 @@ class HapticClient:
 
     def play(self, token: str, texture: str) -> Status:
         """Ask for a texture, by its name or the path of its file."""
-        name = str(Path(texture).absolute()) if Path(texture).is_file() else texture
-        return self._post("/texture", Status, _checked(TextureChoice, name=name), token)
+        return self._post("/texture", Status, _checked(TextureChoice, name=_named_from_anywhere(texture)), token)
 
     def off(self) -> Status:
         """Output to zero at once; HapticError when that cannot be shown."""
@@ -120,6 +130,10 @@ class HapticClient:
     def reset(self) -> Status:
         """Acknowledge a fault whose cause is gone."""
         return self._post("/reset", Status)
+
+    def use_model(self, model: str) -> Status:
+        """Render by another model, by its name or the path of its file; while the daemon is idle."""
+        return self._post("/model", Status, _checked(ModelChoice, name=_named_from_anywhere(model)))
 
     def record(self, path: Path | None) -> Status:
         """Record into a file, or stop with None."""
@@ -169,13 +183,13 @@ class HapticClient:
             ) from error
         if response.is_error:
             raise _error_of(response)
-        return schema.model_validate_json(response.content)
+        return _understood(schema, response.content)
 
     def _stream(self, path: str, schema: type[Answer]) -> Generator[Answer, None, None]:
         try:
             with unix_connect(str(self.socket), BASE_URL.replace("http", "ws") + path) as messages:
                 while True:
-                    yield schema.model_validate_json(messages.recv())
+                    yield _understood(schema, messages.recv())
         except ConnectionClosed:
             return
         except (OSError, WebSocketException) as error:
@@ -263,6 +277,22 @@ def _checked(schema: type[Answer], **values: object) -> Answer:
         first = error.errors()[0]
         name = ".".join(map(str, first["loc"]))
         raise BadInputError("out_of_range", f"{name} {first['input']!r}: {first['msg']}", f"Change {name}") from error
+
+
+def _named_from_anywhere(name: str) -> str:
+    """The absolute path where a path is given, for the daemon runs in another folder; a name stays a name."""
+    path = Path(name)
+    is_path = bool(path.suffix) or len(path.parts) > 1
+    return str(path.absolute()) if is_path and os.path.isfile(path) else name
+
+
+def _understood(schema: type[Answer], content: bytes | str) -> Answer:
+    try:
+        return schema.model_validate_json(content)
+    except ValidationError as error:
+        raise HapticError(
+            "bad_answer", f"the answer is no {schema.__name__}", "is this the daemon, and of the same version?"
+        ) from error
 
 
 def _shown_off(status: Status) -> Status:

@@ -23,6 +23,7 @@ import pytest
 import typer
 
 from haptic_driver.cli.main import COMMANDS, build_app, main
+from haptic_driver.config import find_config
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -31,8 +32,8 @@ HANG_S = 120.0
 
 SERVED = "haptic daemon run --rig simulated --port 8470"  # what sessions begin with
 UNTIL_CTRL_C = ("haptic arm", "haptic watch")
-ASKS_DAEMON = ("arm", "set", "texture play", "off", "disarm", "reset", "status", "watch", "record")
-PLACEHOLDERS = {"MU": "0.6", "T": "linen", "FILE": "run.h5", "DIR": "out", "...": ""}
+ASKS_DAEMON = ("arm", "set", "texture play", "off", "disarm", "use", "reset", "status", "watch", "record")
+PLACEHOLDERS = {"MU": "0.6", "MODEL": "reference", "T": "linen", "FILE": "run.h5", "DIR": "out", "...": ""}
 
 
 def blocks(page: Path, mark: str) -> list[str]:
@@ -66,7 +67,8 @@ def name_of(page: Path) -> str:
 
 @pytest.fixture
 def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the files that the pages ask the reader to write."""
+    """A folder with the files that the pages ask the reader to write, or that a session has from another command."""
+    shutil.copy(find_config("reference", "models"), tmp_path / "finger.toml")  # as `haptic calibrate` writes one
     (tmp_path / "conditions.csv").write_text("frequency_hz,voltage_v,normal_force_n\n250,75,0.5\n,0,0.5\n")
     rows = [f"{0.01 * i:.2f},{0.0004 * i:.5f},{0.5 if i > 10 else 0.0}" for i in range(200)]
     (tmp_path / "slide.csv").write_text("time_s,position_m,normal_force_n\n" + "\n".join(rows) + "\n")

@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.text import Text
 
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import Json, report, stdout
+from haptic_driver.cli.output import Json, names_of, report, stdout
 from haptic_driver.daemon.private_file import write_private
 from haptic_driver.daemon.processes import default_socket
 from haptic_driver.errors import BadInputError, HapticError
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from haptic_driver.daemon.records import Status
 
 POLL_S = 0.1
+HIGHEST_COF = 10.0  # that the daemon takes
 
 
 def arm(
@@ -56,7 +58,6 @@ def arm(
             with client.armed(lease_s) as session, _lease_file(client.socket, session.token), _ends_like_ctrl_c():
                 held = {"state": "armed", "lease_s": lease_s, "token_file": str(_token_path(client.socket))}
                 report(as_json, held, lambda: stdout.print(f"armed, lease {lease_s:g} s; Ctrl-C disarms"))
-                sys.stdout.flush()
                 with suppress(KeyboardInterrupt):  # the usual end
                     _hold(client, session, for_s, while_pid, tell=not as_json)
         except LeaseLostError:
@@ -72,6 +73,11 @@ def set_target(
 
     Example: `haptic set 0.6`
     """
+    if not 0.0 < cof <= HIGHEST_COF:
+        raise BadInputError(
+            "out_of_range", f"friction {cof:g} is out of range",
+            f"Give a coefficient of friction above 0, at most {HIGHEST_COF:g}, such as 0.6",
+        )  # fmt: skip
     with client_of(socket) as client:
         _report(client.set(_token(client.socket), cof), as_json)
 
@@ -101,6 +107,21 @@ def status(socket: SocketOption = None, as_json: Json = False) -> None:
     """
     with client_of(socket) as client:
         _report(client.status(), as_json)
+
+
+def use(
+    model: Annotated[
+        str, typer.Argument(help="A name in configs/models or a path.", autocompletion=names_of("models"))
+    ],
+    socket: SocketOption = None,
+    as_json: Json = False,
+) -> None:
+    """Render by another model, such as one that `haptic calibrate` made for a finger; while the daemon is idle.
+
+    Example: `haptic use reference`
+    """
+    with client_of(socket) as client:
+        _report(client.use_model(model), as_json)
 
 
 def reset(socket: SocketOption = None, as_json: Json = False) -> None:
@@ -136,19 +157,18 @@ def play(name: str, socket: Path | None, as_json: bool) -> None:
 
 def show_status(status: Status) -> None:
     """The status for a person."""
-    on = {True: "[bold red]ON[/]", False: "off", None: "[bold red]UNKNOWN[/]"}[status.output_on]
-    rig = f"{status.rig}{' (simulated)' if status.simulated else ''}"
-    stdout.print(f"[bold]{status.state}[/], output {on}; rig {rig}")
+    on = {True: ("ON", "bold red"), False: ("off", ""), None: ("UNKNOWN", "bold red")}[status.output_on]
+    rig = f"; rig {status.rig}{' (simulated)' if status.simulated else ''}"
+    stdout.print(Text.assemble((status.state, "bold"), ", output ", on, rig))
     asked = status.texture or ("nothing" if status.target_cof is None else f"friction {status.target_cof:.3g}")
     stdout.print(f"  asked {asked}; measured {number(status.measured_cof, '.3f')}")
     stdout.print(f"  {number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak")
     missed = f"{status.overruns} overruns, {status.underruns} underruns"
     stdout.print(f"  {status.ticks} ticks, {missed}; flags: {', '.join(status.flags) or 'none'}")
     if status.fault is not None:
-        stdout.print("  [bold red]fault:[/] ", end="")
-        stdout.print(status.fault, markup=False)
+        stdout.print(Text.assemble("  ", ("fault:", "bold red"), f" {status.fault}"))
     if status.recording is not None:
-        stdout.print(f"  recording into {status.recording}", markup=False)
+        stdout.print(f"  recording into {status.recording}")
 
 
 def number(value: float | None, form: str) -> str:
@@ -218,8 +238,9 @@ def _raise_unless_disarmed(status: Status) -> None:
 
 @contextmanager
 def _ends_like_ctrl_c() -> Iterator[None]:
-    """SIGTERM and a closed terminal end the block as Ctrl-C does."""
-    before = {number: signal.signal(number, signal.default_int_handler) for number in (signal.SIGTERM, signal.SIGHUP)}
+    """SIGTERM and a closed terminal end the block as Ctrl-C does, which also ends it where a script ignores it."""
+    ending = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, signal.default_int_handler) for number in ending}
     try:
         yield
     finally:
@@ -250,5 +271,5 @@ def _detached(socket: Path, lease_s: float, for_s: float | None) -> dict[str, An
         held: dict[str, Any] = json.loads(said.readline() or b"{}")
     if "state" not in held:
         error = held.get("error", {"code": "not_armed", "message": "cannot arm", "hint": "haptic arm says more"})
-        raise HapticError(**error)
+        raise (BadInputError if holder.wait() == BadInputError.exit_status else HapticError)(**error)
     return held

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -32,6 +33,7 @@ COMMANDS = {
     "set": "control.set_target",
     "off": "control.off",
     "disarm": "control.disarm",
+    "use": "control.use",
     "reset": "control.reset",
     "status": "control.status",
     "watch": "watch.watch",
@@ -120,6 +122,8 @@ def run() -> None:
 
 def main(arguments: list[str]) -> int:
     """Run one command line and return its exit status."""
+    if arguments[:1] == ["set"]:  # the parser takes a negative number for an option, but not one behind a space
+        arguments = [f" {word}" if re.match(r"-\.?\d", word) else word for word in arguments]
     asked = [word for word in (arguments or _being_completed())[:1] if word in COMMANDS]
     # One command alone would become the whole program, so a second, light one stays beside it.
     app = build_app(dict.fromkeys([*asked, "status"]) if asked else COMMANDS)

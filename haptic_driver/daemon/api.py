@@ -32,7 +32,7 @@ from haptic_driver.daemon.api_records import (
     sample_columns,
     state_frame,
 )
-from haptic_driver.daemon.records import ArmRequest, Control, Lease, Status, Target, TextureChoice
+from haptic_driver.daemon.records import ArmRequest, Control, Lease, ModelChoice, Status, Target, TextureChoice
 from haptic_driver.daemon.web_security import BodyLimit, refusal
 from haptic_driver.errors import BadInputError, HapticError
 from model.errors import nearest
@@ -108,6 +108,11 @@ def _commands(control: Control) -> APIRouter:
     def reset() -> Status:
         """Acknowledge a fault or trip whose cause is gone; fault to idle."""
         return control.reset()
+
+    @router.post("/model")
+    def use_model(choice: ModelChoice) -> Status:
+        """Render by another model, such as one of the finger that is there now; while idle. Takes about a second."""
+        return control.use_model(choice.name)
 
     @router.post("/record")
     def record(request: RecordingRequest) -> Status:

@@ -231,6 +231,7 @@ class Daemon:
                 state=machine.state,
                 simulated=self.settings.config.simulated,
                 rig=self.settings.config.name,
+                model=self.settings.model,
                 texture=self._target_name if rendering else None,
                 target_cof=self._asked_cof(output) if rendering else None,
                 measured_cof=self._measured_cof(),
@@ -310,6 +311,21 @@ class Daemon:
             self._machine.reset()
             self._flags = Flag(0)
             self._events.tell("state", "fault acknowledged; idle")
+        return self.status()
+
+    def use_model(self, name: str) -> Status:
+        """Solve its surface and let render begin anew with it."""
+        settings = self.settings.with_model(name)
+        with self._recording, self._choosing:
+            with self._lock:
+                if self._machine.state is not DaemonState.IDLE:
+                    raise RefusedError("not_idle", f"the daemon is {self._machine.state}", "disarm, or reset, first")
+                if self._recorder is not None:
+                    raise RefusedError("recording", "a run keeps its surface", "stop the recording first")
+                self._supervisor.claim_render()
+                self.settings = settings
+            self._supervisor.render_anew(settings)
+        self._events.tell("model", name, surface_hash=settings.surface.content_hash)
         return self.status()
 
     def record(self, path: str | None) -> Status:

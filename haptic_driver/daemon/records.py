@@ -35,6 +35,7 @@ class Status(Record):
     state: DaemonState
     simulated: bool
     rig: str
+    model: str
     texture: str | None
     target_cof: float | None
     measured_cof: float | None
@@ -83,6 +84,12 @@ class TextureChoice(Record):
     name: Annotated[str, Field(min_length=1, max_length=200)]
 
 
+class ModelChoice(Record):
+    """`haptic use MODEL`."""
+
+    name: Annotated[str, Field(min_length=1, max_length=1000)]
+
+
 class ArmRequest(Record):
     """`haptic arm`."""
 
@@ -119,6 +126,9 @@ class Control(Protocol):
 
     def reset(self) -> Status:
         """Acknowledge a fault or trip whose cause is gone; fault -> idle."""
+
+    def use_model(self, name: str) -> Status:
+        """Render by another model, such as one of this finger; while idle, and not while recording."""
 
     def record(self, path: str | None) -> Status:
         """Start recording into a file, or stop with None."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from haptic_driver.config import RigConfig, load_model, load_rig
@@ -32,6 +32,11 @@ class DaemonSettings:
     render: RenderSettings
     allow_no_rt: bool = False
     amplifier_record: Path | None = None
+
+    def with_model(self, model: str) -> DaemonSettings:
+        """The same with another model's surface, which is solved. Raises BadInputError."""
+        surface = build_surface(load_model(model), self.config.operating_limits())
+        return replace(self, model=model, surface=surface, render=render_settings(self.config, surface))
 
     @property
     def latency_budget_s(self) -> dict[str, float]:

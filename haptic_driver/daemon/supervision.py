@@ -17,6 +17,7 @@ from collections.abc import Callable
 from haptic_driver.daemon.instruments import Instruments, connect_real, connect_simulated
 from haptic_driver.daemon.output_pump import OUTPUT_STALE_S, OutputPump
 from haptic_driver.daemon.processes import Child
+from haptic_driver.daemon.records import RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.daemon.shared_state import SharedState
 from haptic_driver.errors import HapticError
@@ -101,6 +102,25 @@ class Supervisor:
             self._looked_s = now_s
             if self.instruments is not None and not self.missing:
                 self._look_at(self.instruments, now_s, rendering)
+
+    def claim_render(self) -> None:
+        """Nobody can arm from here on, until `render_anew` has ended. Raises RefusedError."""
+        with self._restarting:
+            if self.missing:
+                raise RefusedError("not_ready", self.missing, "wait until it is back")
+            self.missing = f"{RENDER}: being started again"
+
+    def render_anew(self, settings: DaemonSettings) -> None:
+        """Start render again, with other settings; what fails there is tried again, as after its death, and raised."""
+        self._settings = settings
+        self._children.pop(RENDER).kill()  # not one of those any more whose end is a fault
+        try:
+            self._start_render()
+            self._await_heard()
+        except HapticError:
+            self._in_thread(self._bring_back, RENDER)
+            raise
+        self.missing = ""
 
     def end(self) -> None:
         """Begin nothing any more; returns when all threads have ended."""

@@ -13,7 +13,7 @@ const MOST_SAMPLES = 500;
 
 const $ = (id) => document.getElementById(id);
 const page = {
-  frames: [], samples: [], newestTick: 0, fetching: false, status: null, surface: null, texture: null, textureOf: null,
+  frames: [], samples: [], newestTick: 0, fetching: false, status: null, surface: null, surfaceOf: null, texture: null, textureOf: null,
   lease: null, linked: false, awaited: 0,
 };
 
@@ -98,13 +98,25 @@ window.addEventListener("pagehide", () => { if (page.lease) ask("POST", "/disarm
 
 async function fetchOnce() {
   try {
-    const [{ textures }, surface] = await Promise.all([ask("GET", "/textures"), ask("GET", "/surface")]);
+    const { textures } = await ask("GET", "/textures");
     const chosen = $("texture").value;
     $("texture").replaceChildren(...textures.map((name) => new Option(name, name, false, name === chosen)));
-    const columns = surface.voltage_v.map((_, v) => surface.cof.map((row) => row[v]));
-    page.surface = { ...surface, shown: picture(columns) };
   } catch (error) {
     showRefusal(error);
+  }
+}
+
+async function fetchSurface() {
+  if (!page.linked) return;
+  const of = page.status.surface_hash;
+  if (of === page.surfaceOf) return;
+  try {
+    const surface = await ask("GET", "/surface");
+    const columns = surface.voltage_v.map((_, v) => surface.cof.map((row) => row[v]));
+    page.surface = { ...surface, shown: picture(columns) };
+    page.surfaceOf = of;
+  } catch (error) {
+    if (!(error instanceof Refusal)) throw error;
   }
 }
 
@@ -143,6 +155,7 @@ async function fetchSamples() {
   page.fetching = false;
 }
 
+setInterval(fetchSurface, TEXTURE_MS);
 setInterval(fetchTexture, TEXTURE_MS);
 setInterval(fetchSamples, SAMPLES_MS);
 
@@ -157,6 +170,7 @@ function onFrame({ status, newest, ticks }) {
     $("link").textContent = "connected";
     document.body.dataset.link = "up";
     fetchOnce();
+    fetchSurface();
     fetchTexture();
   }
   if (page.lease && (status.state === "idle" || status.state === "fault")) dropLease("The lease has ended.");
@@ -234,6 +248,7 @@ function showFigures(status, newest) {
   say("latency", `${fixed(total === undefined ? null : total * 1e3, 1, " ms")}${shares.length ? `: ${shares.join(", ")}` : ""}`);
   say("tick_count", status.ticks.toLocaleString("en"));
   say("recording", status.recording ?? "none");
+  say("model", status.model);
   say("surface_hash", status.surface_hash.slice(0, 12));
   showFlags(status.flags);
 }

@@ -25,7 +25,7 @@ SCRIPT = Path(sys.executable).with_name("haptic")
 BENCH = Path(__file__).parents[1] / "daemon" / "bench_control.py"
 COMMANDS = [
     ["arm"], ["set", "0.6"], ["texture", "play", "linen"], ["off"], ["disarm"], ["status"], ["record", "run.h5"],
-    ["reset"], ["watch"],
+    ["use", "reference"], ["reset"], ["watch"],
 ]  # fmt: skip
 STATUS_KEYS = {
     "state", "simulated", "texture", "target_cof", "measured_cof", "frequency_hz", "voltage_v", "output_on", "ticks",
@@ -104,7 +104,7 @@ def test_set_play_off_disarm(haptic, armed, control):
 @pytest.mark.parametrize(
     ("command", "status", "code"),
     [
-        (["set", "-1"], 2, "usage"),  # taken for an option
+        (["set", "-1"], 2, "out_of_range"),
         (["set", "11"], 2, "out_of_range"),
         (["texture", "play", "linnen"], 2, "unknown_texture"),
         (["arm"], 1, "already_armed"),
@@ -118,6 +118,17 @@ def test_refusals(haptic, armed, command, status, code):
     done = haptic(*command, "--json")
     assert done.status == status
     assert json.loads(done.out)["error"]["code"] == code
+
+
+def test_detached_arm_fails_as_arm_does(haptic, socket):
+    """Bad input exits with 2 from a process of its own too."""
+    done = haptic("arm", "--detach", "--lease", "0.001", "--json")
+    assert (done.status, json.loads(done.out)["error"]["code"]) == (2, "out_of_range")
+
+
+@pytest.mark.parametrize("cof", ["1e-3", "10"])
+def test_frictions_to_the_ends_of_the_daemons_range_are_passed_on(haptic, armed, cof):
+    assert one_json(haptic("set", cof, "--json"))["target_cof"] == float(cof)
 
 
 def test_off_that_cannot_be_shown_fails(haptic, armed, control):

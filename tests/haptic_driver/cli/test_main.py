@@ -12,7 +12,7 @@ SCRIPT = Path(sys.executable).with_name("haptic")
 COMMANDS = [
     *([name] for name in (
         "predict", "solve", "demo", "measure", "diagnose", "calibrate", "study", "sensitivity", "explore", "reproduce",
-        "simulate", "doctor", "arm", "set", "off", "disarm", "reset", "status", "watch", "record", "export",
+        "simulate", "doctor", "arm", "set", "off", "disarm", "use", "reset", "status", "watch", "record", "export",
     )),
     ["surface", "build"], ["surface", "info"], ["surface", "plot"],
     ["texture", "list"], ["texture", "preview"], ["texture", "check"], ["texture", "play"], ["daemon", "run"],

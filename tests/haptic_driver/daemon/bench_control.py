@@ -25,6 +25,7 @@ class BenchControl:
         self.cof = None
         self.texture = None
         self.recording = None
+        self.model = "reference"
         self.shown_off = True  # whether switching off can be shown
         self.told = []
         self._lock = threading.RLock()
@@ -47,6 +48,7 @@ class BenchControl:
                 state=self.machine.state,
                 simulated=True,
                 rig="bench",
+                model=self.model,
                 texture=self.texture if rendering else None,
                 target_cof=self.cof if rendering else None,
                 measured_cof=float("nan"),
@@ -124,6 +126,16 @@ class BenchControl:
             if self.machine.state is not DaemonState.FAULT:
                 raise RefusedError("no_fault", "the daemon is not in fault", "nothing to reset")
             self.machine.reset()
+        return self.status()
+
+    def use_model(self, name):
+        with self._lock:
+            self._change("use_model", name)
+            if self.machine.state is not DaemonState.IDLE:
+                raise RefusedError("not_idle", f"the daemon is {self.machine.state}", "disarm, or reset, first")
+            if name not in ("reference", "other"):
+                raise BadInputError("unknown_model", f"there is no model {name!r}", "did you mean 'reference'?")
+            self.model = name
         return self.status()
 
     def record(self, path):

@@ -146,6 +146,15 @@ def test_a_file_of_ones_own_is_sent_by_its_whole_path(client, control, tmp_path,
     assert client.record(None).recording is None
 
 
+def test_another_model_is_used_by_its_name_or_whole_path(client, control, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "finger.toml").write_text("")
+    assert client.use_model("other").model == "other"
+    with pytest.raises(BadInputError, match=r"there is no model .*finger\.toml"):
+        client.use_model("finger.toml")
+    assert control.calls == [("use_model", "other"), ("use_model", str(tmp_path / "finger.toml"))]
+
+
 def test_views(client, control):
     assert client.textures() == ["grating", "linen"]
     assert [event.message for event in client.events()] == ["idle"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -13,11 +14,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from haptic_driver.config import find_config, load_model
 from haptic_driver.daemon.control_process import Daemon
 from haptic_driver.daemon.records import DaemonState, RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings, latency_budget_s, render_settings
 from haptic_driver.daemon.simulated_lines import Lines
 from haptic_driver.errors import BadInputError
+from haptic_driver.surface_builder import build_surface
 from hw.transport.tcp import TcpTransport
 from tests.haptic_driver.daemon.waiting import HANG_S, keep_rendering, until
 
@@ -102,6 +105,43 @@ def test_a_lost_client_takes_the_output_to_zero_and_the_lease_away(daemon, elect
     assert any(event.kind == "lease" for event in daemon.events(0))
     daemon.arm(0.3)
     assert daemon.status().flags == []
+
+
+def test_another_fingers_model_is_used_from_then_on(daemon, settings, tmp_path):
+    """One for a skin held off the screen by half a micrometre; the finger, which is not, feels more than it expects."""
+    reference = find_config("reference", "models").read_text()
+    finger = tmp_path / "finger.toml"
+    finger.write_text(re.sub(r"(gap_offset_m += {) value = 0.0,", r"\1 value = 0.5e-6,", reference))
+    began = daemon.events(0)[-1].number
+    for name, is_more in ((str(finger), True), ("reference", False)):
+        status = daemon.use_model(name)
+        assert (status.state, status.model) == (DaemonState.IDLE, name)
+        expected = build_surface(load_model(name), settings.config.operating_limits())
+        assert status.surface_hash == expected.content_hash
+        assert np.nanmax(np.array(daemon.surface_map()["cof"], float)) == pytest.approx(
+            np.nanmax(expected.cof[:, :, 2]), rel=0.01
+        )
+        lease = daemon.arm(2.0)
+        assert refusal(daemon.use_model, "reference") == "not_idle"
+        daemon.set_target(lease.token, 0.65)
+
+        def learnt(is_more=is_more):
+            """The finger's gain over a second of sliding: above 1 with one model, about 1 with the other."""
+            gain = daemon.samples(0, 1000)["feedback_gain"][-300:]
+            return (gain > 1.05).all() if is_more else (np.abs(gain - 1.0) < 0.05).all() and gain.std() > 0.0
+
+        keep_rendering(daemon, lease.token, learnt)
+        daemon.disarm()
+    with pytest.raises(BadInputError, match="nobody"):
+        daemon.use_model("nobody")
+    assert daemon.status().model == "reference"
+    assert not [event for event in daemon.events(began) if event.kind == "fault"]
+
+
+def test_a_run_that_is_recorded_keeps_its_model(daemon, tmp_path):
+    daemon.record(str(tmp_path / "run.h5"))
+    assert refusal(daemon.use_model, "reference") == "recording"
+    daemon.record(None)
 
 
 def test_nothing_is_rendered_without_the_lease(daemon, electrode_v):
