@@ -9,7 +9,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -130,8 +129,8 @@ class AnalogOutput(ABC):
         block_v = self._checked(envelope_v)
         with self._exclusive():
             self._check_open()
+            self.check()  # first: a stream that has ended by now has no rate
             self._check_rate(sample_rate_hz)
-            self.check()
             waiting = 0 if self._rate_hz is None else self._buffered_samples()
             if (waiting + block_v.size) / sample_rate_hz > self.settings.buffer_s * (1.0 + 1e-9):
                 raise LimitExceeded(
@@ -140,13 +139,13 @@ class AnalogOutput(ABC):
                     "write smaller blocks, or later",
                 )
             with self._zero_on_failure():
-                if starting := self._rate_hz is None:
+                if self._rate_hz is None:
+                    self._last_v = None  # unknown until done: an interrupt must not leave a stream that nobody watches
+                    self._wake.set()  # a stream that goes on is looked at before it ends anyway
                     self._start(block_v, sample_rate_hz)
                 else:
                     self._append(block_v)
                 self._rate_hz, self._last_v = sample_rate_hz, float(block_v[-1])
-        if starting:
-            self._wake.set()  # a stream that goes on is looked at before it ends anyway
 
     def hold(self, level_v: float) -> None:
         """Hold a level from now on, in place of a stream, for `lease_s`; at zero for ever. Raises as `write` does."""
@@ -154,9 +153,9 @@ class AnalogOutput(ABC):
         with self._exclusive():
             self._check_open()
             self.check()
+            self._wake.set()
             with self._zero_on_failure():
                 self._hold(level)
-        self._wake.set()
 
     def zero(self) -> None:
         """Go to the zero level now, whatever is waiting. Raises DeviceError when that is not known to have happened."""
@@ -192,16 +191,17 @@ class AnalogOutput(ABC):
         self.open()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Close."""
+    def __exit__(self, *reason: object) -> None:
+        """Close, whatever the reason."""
         self.close()
 
     def _checked(self, values_v: ArrayLike) -> Array:
         block_v = np.array(values_v, dtype=np.float64)  # a copy: the device may read it after the caller has moved on
         if block_v.ndim != 1 or block_v.size == 0:
-            raise LimitExceeded(f"{self.resource}: an envelope is one row of samples, not of shape {block_v.shape}")
+            raise LimitExceeded(
+                f"{self.resource}: an envelope is one row of samples, not of shape {block_v.shape}",
+                "give one row of at least one sample",
+            )
         inside = (block_v >= self.settings.low_v) & (block_v <= self.settings.high_v)
         if not inside.all():
             worst_v = block_v[~inside][0]
@@ -215,7 +215,8 @@ class AnalogOutput(ABC):
         if not 0.0 < sample_rate_hz <= self.settings.sample_rate_limit_hz:
             raise LimitExceeded(
                 f"{self.resource}: {sample_rate_hz:g} samples/s is outside its range, up to "
-                f"{self.settings.sample_rate_limit_hz:g}"
+                f"{self.settings.sample_rate_limit_hz:g}",
+                "choose a rate within it",
             )
         if self._rate_hz is not None and sample_rate_hz != self._rate_hz:
             raise LimitExceeded(

@@ -137,7 +137,10 @@ def _root(xml: bytes, where: str) -> ElementTree.Element:
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise BadCalibration(f"{where} is not XML ({error})", "give the .cal file of this transducer") from error
     if root.tag != "FTSensor":
-        raise BadCalibration(f"{where} is not an ATI calibration: its root is <{root.tag}>, not <FTSensor>")
+        raise BadCalibration(
+            f"{where} is not an ATI calibration: its root is <{root.tag}>, not <FTSensor>",
+            "give the .cal file of this transducer",
+        )
     return root
 
 
@@ -177,7 +180,10 @@ def _rows(axes: list[ElementTree.Element], where: str) -> Array:
 def _row(axis: ElementTree.Element, where: str) -> list[float]:
     texts = _attribute(axis, "values", where).split()
     if len(texts) != GAUGES:
-        raise BadCalibration(f"{where}: axis {axis.get('Name')} has {len(texts)} values, not {GAUGES}")
+        raise BadCalibration(
+            f"{where}: axis {axis.get('Name')} has {len(texts)} values, not {GAUGES}",
+            "give the file as ATI delivered it",
+        )
     return [_finite(text, f"{where}: axis {axis.get('Name')}") for text in texts]
 
 

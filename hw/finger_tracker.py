@@ -10,14 +10,15 @@ import struct
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
-from types import TracebackType
-from typing import NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
+from hw.running import Running
 from hw.stage import StageStatus
 
 Array = NDArray[np.float64]
@@ -87,10 +88,11 @@ def fit_calibration(raw: Array, position_m: Array, measured_on: datetime.date) -
     raw, position_m = np.asarray(raw, dtype=np.float64), np.asarray(position_m, dtype=np.float64)
     if raw.ndim != 2 or raw.shape[1:] != (2,) or raw.shape != position_m.shape or len(raw) < 3:
         raise ValueError(f"give [n, 2] of each, n at least 3; got {raw.shape} and {position_m.shape}")
-    centre, spread = raw.mean(axis=0), float(np.abs(raw - raw.mean(axis=0)).max()) or 1.0
-    design = np.column_stack([(raw - centre) / spread, np.ones(len(raw))])
     if not (np.isfinite(raw).all() and np.isfinite(position_m).all()):
         raise ValueError("calibration points must be numbers")
+    centre = raw.mean(axis=0)
+    spread = float(np.abs(raw - centre).max()) or 1.0
+    design = np.column_stack([(raw - centre) / spread, np.ones(len(raw))])
     if np.linalg.svd(design, compute_uv=False)[-1] < 1e-3:
         raise ValueError("calibration points are on a line; touch points in three corners or more")
     fitted = np.linalg.lstsq(design, position_m, rcond=None)[0]
@@ -104,7 +106,7 @@ def fit_calibration(raw: Array, position_m: Array, measured_on: datetime.date) -
 def placeholder_calibration(
     x_range_raw: tuple[int, int], y_range_raw: tuple[int, int], width_m: float, height_m: float, on: datetime.date
 ) -> TouchCalibration:
-    """The panel's range of counts spread over the size of the screen, until somebody measures."""
+    """The panel's range of counts spread over the size of the screen, until somebody measures. Raises ValueError."""
     (x_low, x_high), (y_low, y_high) = x_range_raw, y_range_raw
     if not (x_high > x_low and y_high > y_low):
         raise ValueError(f"the ranges {x_range_raw} and {y_range_raw} must be ordered")
@@ -296,27 +298,32 @@ def open_touch_screen(path: str, calibration: TouchCalibration) -> TouchScreen:
             "a touch screen needs the package evdev (Linux only)", "pip install 'haptic-driver[touch]'"
         ) from error
     try:
-        device = evdev.InputDevice(path, readonly=True)
-        fcntl.ioctl(device.fd, _SET_CLOCK, struct.pack("@i", time.CLOCK_MONOTONIC))
+        with ExitStack() as on_failure:
+            device = evdev.InputDevice(path, readonly=True)
+            on_failure.callback(device.close)
+            fcntl.ioctl(device.fd, _SET_CLOCK, struct.pack("@i", time.CLOCK_MONOTONIC))
+            events = TouchEvents(_question_for_slot(device, path))
+            on_failure.pop_all()
     except OSError as error:
         raise DeviceDisconnected(
             f"{path} cannot be opened as a touch screen ({error})",
             "check the path under /dev/input/by-id, and that you may read it (group input)",
         ) from error
-    can = device.capabilities(absinfo=False)
-    has_slots = {_SLOT, _SLOT_X, _SLOT_Y, _SLOT_CONTACT} <= set(can.get(_ABSOLUTE, []))
-    if not has_slots and not ({_X, _Y} <= set(can.get(_ABSOLUTE, [])) and _KEY_TOUCH in can.get(_KEY, [])):
-        device.close()
-        raise BadReply(f"{path} is {device.name!r}, which is no touch screen", "choose another event device")
-
-    def current_slot() -> int:
-        return int(device.absinfo(_SLOT).value)
-
-    events = TouchEvents(current_slot if has_slots else None)
     return TouchScreen(device.fd, events, calibration, name=path, close=device.close)
 
 
-class StageFinger:
+def _question_for_slot(device: Any, path: str) -> Callable[[], int] | None:
+    """How to ask an evdev device for its slot, None when it knows one finger only; BadReply for no touch screen."""
+    can = device.capabilities(absinfo=False)
+    axes = set(can.get(_ABSOLUTE, []))
+    if {_SLOT, _SLOT_X, _SLOT_Y, _SLOT_CONTACT} <= axes:
+        return lambda: int(device.absinfo(_SLOT).value)
+    if {_X, _Y} <= axes and _KEY_TOUCH in can.get(_KEY, []):
+        return None
+    raise BadReply(f"{path} is {device.name!r}, which is no touch screen", "choose another event device")
+
+
+class StageFinger(Running):
     """A finger carried by a stage: its position on a line across the screen, polled in a thread of its own.
 
     `origin_m` is the place on the screen at stage position 0, `direction` the unit vector of a move forward.
@@ -356,17 +363,6 @@ class StageFinger:
         if self._thread.is_alive():
             self._thread.join()
 
-    def __enter__(self) -> Self:
-        """Start."""
-        self.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Close."""
-        self.close()
-
     def read(self) -> FingerReading:
         """Return the newest position. Raises what ended the polling, and DeviceTimeout when the newest is too old."""
         if self._error is not None:
@@ -405,7 +401,7 @@ class RecordedFinger:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         shapes = {np.shape(column) for column in (time_s, position_x_m, position_y_m, touching)}
-        if len(shapes) != 1 or len(time_s) < 1 or np.ndim(time_s) != 1:
+        if len(shapes) != 1 or np.ndim(time_s) != 1 or len(time_s) < 1:
             raise ValueError(f"a recording has four columns of one length, not {sorted(shapes)}")
         if not (np.all(np.isfinite(time_s)) and np.all(np.diff(time_s) > 0.0)):
             raise ValueError("the times of a recording must be numbers and rise")

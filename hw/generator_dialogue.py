@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -33,7 +34,8 @@ _HINTS_BY_CLASS = {
 class GeneratorDialogue:
     """The dialogue with one instrument; raises DeviceError, nothing else.
 
-    Whatever fails, `gate` forgets what it believed. `undisturbed` lends the transport for several exchanges.
+    Whatever fails, `gate` forgets what it believed. No other thread comes between the exchanges of one method;
+    `undisturbed` lends the transport for several.
     """
 
     def __init__(self, transport: Transport, gate: OutputGate, reply_timeout_s: float) -> None:
@@ -71,9 +73,9 @@ class GeneratorDialogue:
         with self.undisturbed():
             self._gate.check(message)
             reply = self._transport.query(message, self._reply_timeout_s if timeout_s is None else timeout_s)
-        fields: list[str] = _FIELD.findall(reply.decode("ascii", errors="replace").strip())
-        if len(fields) != count:
-            raise self.bad_reply(f"answered {reply[:80]!r} to {line!r}", NOT_WHOLE)
+            fields: list[str] = _FIELD.findall(reply.decode("ascii", errors="replace").strip())
+            if len(fields) != count:
+                raise self.bad_reply(f"answered {reply[:80]!r} to {line!r}", NOT_WHOLE)
         return fields
 
     def command(self, commands: Sequence[str], queries: Sequence[str], timeout_s: float | None = None) -> list[str]:
@@ -81,14 +83,15 @@ class GeneratorDialogue:
 
         Raises InstrumentRejected with all errors in the instrument's queue, a clipped value (-222) among them.
         """
-        fields = self.ask([*commands, *queries, "SYST:ERR?"], len(queries) + 1, timeout_s)
-        code = self._error_code(fields[-1])
-        if code != 0:
-            raise InstrumentRejected(
-                f"{self.resource} rejected {';'.join(commands)!r}: {', '.join(self._errors(fields[-1]))}",
-                _HINTS.get(code) or _HINTS_BY_CLASS.get(-code // 100, "look at the instrument: it reports a fault"),
-            )
-        return fields[:-1]
+        with self.undisturbed():
+            *answers, error = self.ask([*commands, *queries, "SYST:ERR?"], len(queries) + 1, timeout_s)
+            code = self._error_code(error)
+            if code != 0:
+                raise InstrumentRejected(
+                    f"{self.resource} rejected {';'.join(commands)!r}: {', '.join(self._errors(error))}",
+                    _HINTS.get(code) or _HINTS_BY_CLASS.get(-code // 100, "look at the instrument: it reports a fault"),
+                )
+        return answers
 
     def send(self, message: bytes) -> None:
         """Send one message that asks nothing, e.g. with a block in it."""
@@ -98,8 +101,9 @@ class GeneratorDialogue:
 
     def drain_errors(self) -> list[str]:
         """Empty the instrument's error queue and return what was in it, oldest first."""
-        (first,) = self.ask(["SYST:ERR?"], 1)
-        return [] if self._error_code(first) == 0 else self._errors(first)
+        with self.undisturbed():
+            (first,) = self.ask(["SYST:ERR?"], 1)
+            return [] if self._error_code(first) == 0 else self._errors(first)
 
     def boolean(self, text: str) -> bool:
         """Return what `0` or `1` says."""
@@ -108,14 +112,15 @@ class GeneratorDialogue:
         return text == "1"
 
     def number(self, text: str) -> float:
-        """Return a decimal number, of any length."""
-        if not _NUMBER.fullmatch(text):
+        """Return a decimal number, of any length; finite."""
+        if not _NUMBER.fullmatch(text) or not math.isfinite(float(text)):
             raise self.bad_reply(f"answered {text!r} where a number was expected", NOT_WHOLE)
         return float(text)
 
     def bad_reply(self, what: str, hint: str) -> BadReply:
         """Make the error for an answer that is wrong, and distrust the dialogue so far."""
         self._transport.mark_dirty()
+        self._gate.forget()
         return BadReply(f"{self.resource} {what}", hint)
 
     def _errors(self, first: str) -> list[str]:

@@ -20,6 +20,7 @@ _ROUNDING = 1.0 + 1e-9  # numbers go out with 12 digits
 _LOW_VPP = 0.02  # VOLT MIN at any load is no more than this into an open circuit
 _RESET_VPP = 0.2  # 100 mVpp for a load of 50 ohm
 _DAC_HIGH = 8191
+_NOT_THE_DRIVERS = "only what `Agilent33220A` sends may pass; a new command is first made known to `hw.generator_gate`"
 # Amplitude at + full scale of Modulation In over the amplitude programmed, where nobody has measured it.
 _WORST_MODULATION = 2.0
 
@@ -133,7 +134,9 @@ class OutputGate:
         peak_v = bound.peak_v(self._modulation) * self._volts_per_volt
         if not peak_v <= self._limit_v * _ROUNDING:
             raise _refusal(
-                command, f"would allow {peak_v:.6g} V at the electrode, over the limit of {self._limit_v:g} V"
+                command,
+                f"would allow {peak_v:.6g} V at the electrode, over the limit of {self._limit_v:g} V",
+                "lower the voltage",
             )
         return bound
 
@@ -183,5 +186,5 @@ def _number(argument: str, command: str) -> float:
     return float(argument)
 
 
-def _refusal(command: str, why: str) -> LimitExceeded:
-    return LimitExceeded(f"the last gate holds back {command[:60]!r}: it {why}; nothing was sent", "lower the voltage")
+def _refusal(command: str, why: str, hint: str = _NOT_THE_DRIVERS) -> LimitExceeded:
+    return LimitExceeded(f"the last gate holds back {command[:60]!r}: it {why}; nothing was sent", hint)

@@ -6,6 +6,7 @@ Request `>HHI`: 0x1234, command, count. Record `>IIIiiiiii`: RDT sequence, F/T s
 
 from __future__ import annotations
 
+import math
 import select
 import socket
 import struct
@@ -99,8 +100,9 @@ class NetFtSettings:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be; raises ValueError."""
-        if not (min(self.scale) > 0.0 and self.timeout_s > 0.0 and 0 < self.port < 1 << 16):
-            raise ValueError(f"counts and timeout must be > 0 and the port 1..65535: {self}")
+        positive = (*self.scale, self.timeout_s, self.bias_tolerance_n, self.bias_timeout_s)
+        if not (all(0.0 < value < math.inf for value in positive) and 0 < self.port < 1 << 16):
+            raise ValueError(f"counts, timeouts and tolerance must be > 0 and finite and the port 1..65535: {self}")
 
 
 @dataclass

@@ -126,10 +126,6 @@ class Lts150:
         self.set_velocity(self.settings.velocity_m_s, self.settings.acceleration_m_s2)
         return info
 
-    def identify(self) -> None:
-        """Blink the light on the front, to tell one stage from another."""
-        self._send(apt.on_channel(Message.IDENTIFY))
-
     def read_status(self) -> StageStatus:
         """Ask where the stage is and what it does."""
         status = apt.read_status(self._ask(apt.on_channel(Message.REQUEST_STATUS), Message.STATUS))

@@ -29,14 +29,15 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Self
 
-from hw.errors import DeviceDisconnected, DeviceError, DeviceTimeout
+from hw.errors import DeviceDisconnected, DeviceTimeout
+from hw.running import Running
 from hw.transport.resource import make_transport
 
 BEAT, REST = b"b", b"r"
 READY = "ready"
+LAST_LOOK = 0.1  # of the period
+_END_S = 10.0  # for the process to be scheduled and to end; it switches off meanwhile
 _log = logging.getLogger("hw.watchdog")
 
 
@@ -77,7 +78,7 @@ class WatchdogSettings:
         return [f"--{name}={value}" for name, value in given.items() if value is not None]
 
 
-class Watchdog:
+class Watchdog(Running):
     """The driver's side: starts the process and beats it; a heartbeat for `Rig`.
 
     The process is in a session of its own and ignores SIGINT, SIGTERM and SIGHUP, so that what ends the driver does
@@ -93,8 +94,14 @@ class Watchdog:
         """Its process id; None when it is not running for us."""
         return None if self._process is None else self._process.pid
 
-    def start(self, timeout_s: float = 10.0) -> None:
-        """Start it and wait until its own connections answer; raises DeviceDisconnected when they do not."""
+    def start(self, timeout_s: float = 30.0) -> None:
+        """Start it and wait until its own connections answer; does nothing when it runs already.
+
+        Raises DeviceDisconnected when they do not.
+        """
+        if self._process is not None and self._process.poll() is None:
+            return  # letting go of it would switch off
+        self.close()
         process = subprocess.Popen(
             [sys.executable, "-m", "hw.watchdog", *self.settings.arguments()],
             bufsize=0,
@@ -138,28 +145,17 @@ class Watchdog:
     def close(self) -> bool | None:
         """Let it switch off and end; return whether the output is off (None: unknown). Never raises.
 
-        Takes at most `give_up_s` and a few reply timeouts.
+        Takes at most `give_up_s`, a few reply timeouts, and what a busy machine needs to end a process.
         """
         process, self._process = self._process, None
         if process is None:
             return None
         try:
             # closes its input, which makes it switch off
-            process.communicate(timeout=self.settings.give_up_s + 10.0 * self.settings.reply_timeout_s)
+            process.communicate(timeout=self.settings.give_up_s + 10.0 * self.settings.reply_timeout_s + _END_S)
         except subprocess.TimeoutExpired:
             return None
         return {Outcome.OFF.value: True, Outcome.ON.value: False}.get(process.returncode)
-
-    def __enter__(self) -> Self:
-        """Start."""
-        self.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close."""
-        self.close()
 
 
 def _pipe(process: subprocess.Popen[bytes]) -> int:
@@ -209,8 +205,8 @@ class _Instrument:
         try:
             self._transport.open()
             reply = self._transport.query(line, self._timeout_s)
-        except (DeviceError, OSError) as error:
-            _log.warning("%s", error)
+        except Exception as error:  # whatever it is, the other instrument and the next attempt must not suffer
+            _log.warning("%s: %s", self.resource, error)
             self._transport.close()
             return None
         match = self._answers.fullmatch(reply.strip())
@@ -231,16 +227,23 @@ def _instruments(settings: WatchdogSettings) -> list[_Instrument]:
 
 
 def wait_for_silence(beats: queue.Queue[bytes], period_s: float) -> str:
-    """Return, in words, why there are no more beats; `beats` gives BEAT, REST, or nothing at the end of the pipe."""
+    """Return, in words, why there are no more beats; `beats` gives BEAT, REST, or nothing at the end of the pipe.
+
+    The last tenth of the period is waited for apart: when a busy machine has let this process sleep for longer than its
+    driver was silent, whoever listens has time to hand over the beats that came meanwhile.
+    """
     timeout_s = None
     while True:
         try:
             beat = beats.get(timeout=timeout_s)
         except queue.Empty:
-            return f"no beat for {period_s:g} s"
+            try:
+                beat = beats.get(timeout=period_s * LAST_LOOK)
+            except queue.Empty:
+                return f"no beat for {period_s:g} s"
         if not beat:
             return "the pipe is closed"
-        timeout_s = None if beat == REST else period_s
+        timeout_s = None if beat == REST else period_s * (1.0 - LAST_LOOK)
 
 
 def switch_off(instruments: Sequence[_Instrument], settings: WatchdogSettings) -> Outcome:
@@ -283,9 +286,11 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
 
 def _listen(beats: queue.Queue[bytes]) -> None:
     """Put what comes on standard input, the newest of each read, and nothing at its end."""
-    while received := os.read(0, 4096):
-        beats.put(received[-1:])
-    beats.put(b"")
+    try:
+        while received := os.read(0, 4096):
+            beats.put(received[-1:])
+    finally:  # an input that cannot be read is at its end too
+        beats.put(b"")
 
 
 def _parse(arguments: Sequence[str] | None) -> WatchdogSettings:

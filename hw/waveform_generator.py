@@ -333,12 +333,16 @@ class Agilent33220A:
         modulation: Modulation | None,
     ) -> _Programmed:
         """Return what to program for a set point; raises LimitExceeded."""
-        settings, is_dc = self.settings, waveform is Shape.DC
+        settings, gain, is_dc = self.settings, self.settings.volts_per_volt, waveform is Shape.DC
+        modulation_gain = self._modulation_gain(waveform, modulation)
         shape_vpp = waveform.high - waveform.low  # at a largest magnitude of 1 V
-        least_v = 0.0 if is_dc else AMPLITUDE_LOW_VPP * settings.volts_per_volt / shape_vpp
-        least_v *= self._modulation_gain(waveform, modulation)
-        high_v = min(settings.voltage_limit_v, 0.5 * AMPLITUDE_HIGH_VPP * settings.volts_per_volt)
-        peak_v = max(abs(voltage_offset_v + voltage_v * level) for level in (waveform.low, waveform.high))
+        least_v = 0.0 if is_dc else AMPLITUDE_LOW_VPP * gain / shape_vpp * modulation_gain
+        generator_high_v = 0.5 * AMPLITUDE_HIGH_VPP * gain
+        high_v = min(settings.voltage_limit_v, generator_high_v)
+        peak_v, programmed_v = (
+            max(abs(voltage_offset_v + largest_v * level) for level in (waveform.low, waveform.high))
+            for largest_v in (voltage_v, voltage_v / modulation_gain)
+        )
         frequency_hz = settings.frequency_low_hz if is_dc else frequency_hz
         is_arbitrary = isinstance(waveform, ArbitraryWaveform)
         frequency_high_hz = min(settings.frequency_high_hz, ARBITRARY_FREQUENCY_HIGH_HZ if is_arbitrary else math.inf)
@@ -346,14 +350,14 @@ class Agilent33220A:
             ("Hz", frequency_hz, settings.frequency_low_hz, frequency_high_hz),
             ("V at the electrode", voltage_v, least_v, high_v),
             ("V at the electrode, offset included,", peak_v, 0.0, high_v),
+            ("V to be programmed before modulation takes its part", programmed_v, 0.0, generator_high_v),
         ):
             if not low <= value <= high:
                 raise LimitExceeded(
                     f"{self._line.resource}: {value:g} {what} is outside {low:g}..{high:g}; nothing was sent",
                     "stay within the limits; for zero volts switch the output off",
                 )
-        gain = settings.volts_per_volt
-        amplitude_vpp = voltage_v * shape_vpp / gain / self._modulation_gain(waveform, modulation)
+        amplitude_vpp = voltage_v * shape_vpp / gain / modulation_gain
         offset_v = (voltage_offset_v + 0.5 * voltage_v * (waveform.high + waveform.low)) / gain
         return _Programmed(waveform, modulation, frequency_hz, max(amplitude_vpp, AMPLITUDE_LOW_VPP), offset_v)
 
@@ -401,14 +405,20 @@ class Agilent33220A:
             )
 
     def _check_answers(self, shown: dict[str, str], wanted: dict[str, str]) -> None:
-        """Compare words by themselves and numbers by value."""
+        """Compare answers with what was set; what is not as set is switched off."""
         for query, value in wanted.items():
-            as_set = shown[query] == value
-            if not as_set and value[:1].isdigit():
-                as_set = _near(self._line.number(shown[query]), float(value), _LEVEL_TOLERANCE)
-            if not as_set:
+            if not self._says(shown[query], value):
                 self.off()
                 raise self._line.bad_reply(f"answers {shown[query]} to {query} where {value} was set", NOT_WHOLE)
+
+    def _says(self, answer: str, value: str) -> bool:
+        """Words are compared by themselves and numbers by value."""
+        if answer == value or not value[:1].isdigit():
+            return answer == value
+        try:
+            return _near(self._line.number(answer), float(value), _LEVEL_TOLERANCE)
+        except BadReply:
+            return False
 
     def _check_output(self, reply: str, *, on: bool) -> None:
         if self._line.boolean(reply) is not on:

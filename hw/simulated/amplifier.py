@@ -15,8 +15,9 @@ class SimulatedAmplifier:
     Itself the far end of an amplifier's lines: `write` and `read` are the enable line (a digital output), `read_v`
     is the voltage monitor (an analog input); `fault_line` and `current_monitor` are the other two. `interlock`, if
     given, is a contact in series with the enable line. More than `current_limit_a` through `panel_capacitance_f`
-    (peak, 2 pi f C V) trips it until the enable line is dropped. Its history does not forget: `max_voltage_v` is
-    the highest peak ever at the electrode, `output_on_s` the time with any voltage on it. Thread-safe.
+    (peak, 2 pi f C V, V without the offset) trips it until the enable line is dropped. Its history does not forget:
+    `max_voltage_v` is the highest peak ever at the electrode, `output_on_s` the time with any voltage on it.
+    Thread-safe.
     """
 
     def __init__(
@@ -39,8 +40,7 @@ class SimulatedAmplifier:
         self._enabled = enabled
         self._interlock = interlock
         self._tripped = False
-        self._input_v = 0.0
-        self._frequency_hz = 0.0
+        self._input = TerminalOutput(0.0, 0.0, 0.0, on=False)
         self._lock = threading.RLock()
         self.fault_line = FaultLine(self)
         self.current_monitor = CurrentMonitor(self, current_monitor_v_per_a)
@@ -50,13 +50,14 @@ class SimulatedAmplifier:
     @property
     def voltage_v(self) -> float:
         """Peak voltage at the electrode now, offset included."""
-        on = self._enabled and not self._tripped and self._interlock()
-        return min(self._gain_v_per_v * self._input_v, self._voltage_limit_v) if on else 0.0
+        output = self._input
+        return self._amplified_v(output.amplitude_v + abs(output.offset_v))
 
     @property
     def current_a(self) -> float:
-        """Peak current into the panel now."""
-        return 2.0 * math.pi * self._frequency_hz * self._panel_capacitance_f * self.voltage_v
+        """Peak current into the panel now; a constant voltage drives none."""
+        output = self._input
+        return 2.0 * math.pi * output.frequency_hz * self._panel_capacitance_f * self._amplified_v(output.amplitude_v)
 
     @property
     def tripped(self) -> bool:
@@ -71,8 +72,7 @@ class SimulatedAmplifier:
     def drive(self, output: TerminalOutput) -> float:
         """Take the generator's output as input; return the peak voltage at the electrode."""
         with self._lock:
-            self._input_v = output.amplitude_v + abs(output.offset_v) if output.on else 0.0
-            self._frequency_hz = output.frequency_hz
+            self._input = output
             return self._note()
 
     def step(self, dt_s: float, output: TerminalOutput) -> float:
@@ -96,6 +96,10 @@ class SimulatedAmplifier:
     def read_v(self) -> float:
         """Return the voltage monitor's reading of the peak, V."""
         return self.voltage_v * self._voltage_monitor_v_per_v
+
+    def _amplified_v(self, input_v: float) -> float:
+        on = self._input.on and self._enabled and not self._tripped and self._interlock()
+        return min(self._gain_v_per_v * input_v, self._voltage_limit_v) if on else 0.0
 
     def _note(self) -> float:
         self._tripped = self._tripped or self.current_a > self._current_limit_a

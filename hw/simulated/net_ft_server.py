@@ -9,8 +9,8 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from types import TracebackType
-from typing import Self
+
+from hw.running import Running
 
 WrenchSource = Callable[[], tuple[float, float, float, float, float, float]]
 """-> (Fx, Fy, Fz, Tx, Ty, Tz) on the transducer now, N and N m."""
@@ -35,7 +35,7 @@ class RdtFault(enum.Enum):
     SILENCE = "silence"  # as DROP, and the sequence stands still
 
 
-class NetFtServer:
+class NetFtServer(Running):
     """One box on 127.0.0.1, serving the latest client that asked for a stream.
 
     Requests: 0 stop, 2 stream (count 0: endless), 0x41 reset latch, 0x42 software bias; others and malformed ones are
@@ -115,17 +115,6 @@ class NetFtServer:
         for _ in range(count):
             with self._lock:
                 self._emit()
-
-    def __enter__(self) -> Self:
-        """Start."""
-        self.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Close."""
-        self.close()
 
     def _serve(self) -> None:
         due_s = time.monotonic()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 import threading
 from collections import deque
@@ -24,6 +25,7 @@ _TEXTS = {
     -108: "Parameter not allowed",
     -109: "Missing parameter",
     -113: "Undefined header",
+    -123: "Exponent too large",
     -131: "Invalid suffix",
     -161: "Invalid block data",
     -211: "Trigger ignored",
@@ -267,7 +269,7 @@ def parse_named(text: str, named: Mapping[str, float]) -> float | None:
 def parse_number(text: str, unit: str = "", named: Mapping[str, float] | None = None) -> float:
     """Return a decimal number, with an optional suffix such as `kHz` for unit `HZ`, or the `named` value (`MIN`).
 
-    `MHZ` and `MOHM` mean mega, any other M milli (SCPI-99 vol. 1, 7.3). Raises ScpiError -104 or -131.
+    `MHZ` and `MOHM` mean mega, any other M milli (SCPI-99 vol. 1, 7.3). Raises ScpiError -104, -123 or -131.
     """
     if (value := parse_named(text, named or {})) is not None:
         return value
@@ -280,7 +282,10 @@ def parse_number(text: str, unit: str = "", named: Mapping[str, float] | None = 
         multiplier = "MA"
     if (suffix and not (unit and suffix.endswith(unit))) or multiplier not in _MULTIPLIERS:
         raise ScpiError(-131)
-    return float(match["number"]) * _MULTIPLIERS[multiplier]
+    value = float(match["number"]) * _MULTIPLIERS[multiplier]
+    if math.isinf(value):
+        raise ScpiError(-123)
+    return value
 
 
 def format_number(value: float) -> str:

@@ -10,9 +10,8 @@ import tty
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
+from hw.running import Running
 from hw.simulated.faults import Disconnect
 from hw.simulated.framing import MessageFramer, MessageTooLong
 from hw.transport.memory import Responder
@@ -20,7 +19,7 @@ from hw.transport.memory import Responder
 _CHUNK_BYTES = 1 << 16
 
 
-class SerialServer:
+class SerialServer(Running):
     r"""One instrument on one pseudo-terminal; no baud rate, no modem lines.
 
     `path` stays while the server lives, also over a simulated unplugging; `terminal` is the device behind it at
@@ -57,17 +56,6 @@ class SerialServer:
         os.close(self._wake_read)
         os.close(self._wake_write)
         self._folder.cleanup()
-
-    def __enter__(self) -> Self:
-        """Start."""
-        self.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Close."""
-        self.close()
 
     def _plug_in(self) -> None:
         # The terminal's own end stays open here, so that the controller sees no end of file between two clients.

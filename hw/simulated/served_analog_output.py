@@ -5,7 +5,7 @@ START rate samples    begin a stream; samples are 4-byte floats, V, as hexadecim
 APPEND samples        add to it
 WAITING?
 
-Each is answered with the number of samples that are still to be played.
+Each is answered with the number of samples that are still to be played; any other line with ERROR, and nothing happens.
 """
 
 from __future__ import annotations
@@ -31,7 +31,14 @@ class AnalogOutputServer:
 
     def handle(self, data: bytes) -> bytes:
         """Carry out one line and answer it."""
-        match data.split():
+        try:
+            self._carry_out(data.split())
+        except ValueError:  # what is no number, too
+            return b"ERROR\n"
+        return b"%d\n" % self._card.waiting
+
+    def _carry_out(self, words: list[bytes]) -> None:
+        match words:
             case [b"LEVEL", level]:
                 self._card.set_level(float(level))
             case [b"START", rate, samples]:
@@ -41,8 +48,7 @@ class AnalogOutputServer:
             case [b"WAITING?"]:
                 pass
             case _:
-                return b"ERROR\n"
-        return b"%d\n" % self._card.waiting
+                raise ValueError(words)
 
 
 class ServedAnalogOutput(AnalogOutput):

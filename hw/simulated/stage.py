@@ -48,26 +48,30 @@ class _Motion:
     announce: Message
 
     @property
+    def way_mm(self) -> float:
+        """From start to end, with its sign."""
+        return self.end_mm - self.start_mm
+
+    @property
     def _peak_mm_s(self) -> float:
         """The velocity reached: a short way is a triangle."""
-        return min(self.velocity_mm_s, math.sqrt(self.acceleration_mm_s2 * abs(self.end_mm - self.start_mm)))
+        return min(self.velocity_mm_s, math.sqrt(self.acceleration_mm_s2 * abs(self.way_mm)))
 
     @property
     def duration_s(self) -> float:
         """Speed up, go on, slow down."""
-        way_mm, peak = abs(self.end_mm - self.start_mm), self._peak_mm_s
-        return way_mm / peak + peak / self.acceleration_mm_s2 if way_mm else 0.0
+        peak = self._peak_mm_s
+        return abs(self.way_mm) / peak + peak / self.acceleration_mm_s2 if self.way_mm else 0.0
 
     def position_mm(self, time_s: float) -> float:
         """Where it is."""
         elapsed_s = min(max(time_s - self.start_s, 0.0), self.duration_s)
         half_s, ramp_s = 0.5 * self.duration_s, self._peak_mm_s / self.acceleration_mm_s2
-        way_mm = abs(self.end_mm - self.start_mm)
         near_s = min(elapsed_s, self.duration_s - elapsed_s)  # it is symmetric in time
         near_mm = 0.5 * self.acceleration_mm_s2 * min(near_s, ramp_s) ** 2
         near_mm += self._peak_mm_s * max(near_s - ramp_s, 0.0)
-        done_mm = near_mm if elapsed_s < half_s else way_mm - near_mm
-        return self.start_mm + math.copysign(done_mm, self.end_mm - self.start_mm)
+        done_mm = near_mm if elapsed_s < half_s else abs(self.way_mm) - near_mm
+        return self.start_mm + math.copysign(done_mm, self.way_mm)
 
     def speed_mm_s(self, time_s: float) -> float:
         """How fast it is, without a sign."""
@@ -191,9 +195,9 @@ class SimulatedLts150:
         here_mm, speed_mm_s = motion.position_mm(now_s), motion.speed_mm_s(now_s)
         slowing_mm = 0.0 if immediate else 0.5 * speed_mm_s**2 / motion.acceleration_mm_s2
         slowing_mm = min(slowing_mm, abs(motion.end_mm - here_mm))
-        end_mm = here_mm + math.copysign(slowing_mm, motion.end_mm - motion.start_mm)
+        end_mm = here_mm + math.copysign(slowing_mm, motion.way_mm)
         # A trapezoid whose second half is the slowing down from here.
-        start_mm = here_mm - math.copysign(slowing_mm, motion.end_mm - motion.start_mm)
+        start_mm = here_mm - math.copysign(slowing_mm, motion.way_mm)
         peak_mm_s = math.sqrt(2.0 * motion.acceleration_mm_s2 * slowing_mm) or motion.velocity_mm_s
         start_s = now_s - peak_mm_s / motion.acceleration_mm_s2 if slowing_mm else now_s
         self._motion = _Motion(start_s, start_mm, end_mm, peak_mm_s, motion.acceleration_mm_s2, Message.STOPPED)
@@ -205,7 +209,8 @@ class SimulatedLts150:
             return []
         blocked_mm = self.faults.blocked_at_mm
         if blocked_mm is not None and _passes(motion, now_s, blocked_mm):
-            self._motion, self._rest_mm = None, blocked_mm
+            # one count short of it, so that it is still in the way of the next move
+            self._motion, self._rest_mm = None, blocked_mm - math.copysign(1.0 / COUNTS_PER_MM, motion.way_mm)
             self._set_bits(StatusBit.MOTION_ERROR, True)
             return []
         if now_s < motion.start_s + motion.duration_s:
@@ -226,8 +231,7 @@ class SimulatedLts150:
         position_raw = round((self._position_mm() - self._counter_zero_mm) * COUNTS_PER_MM)
         bits = self._bits
         if self._motion is not None:
-            forward = self._motion.end_mm > self._motion.start_mm
-            bits |= StatusBit(0x10 if forward else 0x20)
+            bits |= StatusBit(0x10 if self._motion.way_mm > 0.0 else 0x20)
             if self._motion.announce is Message.HOMED:
                 bits |= StatusBit.HOMING
         return apt.Status(position_raw, bits)

@@ -6,9 +6,9 @@ import socket
 import socketserver
 import threading
 from contextlib import suppress
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
+from hw.running import Running
 from hw.simulated.faults import Disconnect
 from hw.simulated.framing import MessageFramer
 from hw.transport.memory import Responder
@@ -17,7 +17,7 @@ _CHUNK_BYTES = 1 << 16
 _POLL_S = 0.05
 
 
-class TcpServer:
+class TcpServer(Running):
     r"""One instrument on 127.0.0.1, any number of connections, a thread each; messages end with `\n`.
 
     The port is bound when the object is made (`port` 0: a free one); it answers between `start` and `close`,
@@ -43,17 +43,6 @@ class TcpServer:
             self._thread.join()
         self._server.hang_up()
         self._server.server_close()
-
-    def __enter__(self) -> Self:
-        """Start."""
-        self.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Close."""
-        self.close()
 
 
 class _Server(socketserver.ThreadingTCPServer):

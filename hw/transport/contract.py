@@ -188,6 +188,9 @@ class Transport(ABC):
     def _timeout(self, what: str) -> DeviceTimeout:
         return DeviceTimeout(f"{self.resource} {what} in time", f"check {self._check_first}; then try again")
 
+    def _not_connected(self) -> DeviceDisconnected:
+        return DeviceDisconnected(f"{self.resource} is not connected", "clear or open it again")
+
     def _check_open(self) -> None:
         if not self._is_open:
             raise DeviceDisconnected(f"{self.resource} is not open", "call open() first")

@@ -45,8 +45,9 @@ class Resynchroniser:
         wanted = b"\n" + answer + b"\n"
         received, count = b"", 0
         while wanted not in received.replace(b"\r\n", b"\n"):
-            received = received[-2 * len(wanted) :] + receive()
-            count += len(received)
+            data = receive()
+            received = received[-2 * len(wanted) :] + data
+            count += len(data)
             if count > max_bytes:
                 raise BadReply(
                     f"{self._resource} does not answer {second!r} with {answer!r}", "check the marker; reconnect"

@@ -46,7 +46,7 @@ class Recording(TransportDecorator):
         self._write_line({"wire_log": _VERSION, "resource": inner.resource})
 
     def finish(self) -> None:
-        """Close the log; the transport cannot be used afterwards. Call it after `close`."""
+        """Close the log, after `close`; what goes over the link later is not in it."""
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
@@ -168,6 +168,8 @@ class Replay(Transport):
         return recorded
 
     def _fail_as_recorded(self, during: str) -> None:
+        if self._mismatch is not None:
+            raise self._mismatch
         recorded = self._peek()
         if recorded.get("event") == "failed" and recorded["during"] == during:
             self._next += 1
@@ -186,6 +188,11 @@ class Replay(Transport):
         )
 
 
+_FIELDS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("connect", "reset", "disconnect"), ()),
+    **dict.fromkeys(("sent", "received"), ("data",)),
+    "failed": ("during", "code", "message", "hint"),
+}
 _STEPS = {"connect": "a connect", "reset": "a reset", "sent": "a command", "received": "waiting for an answer"}
 
 
@@ -196,12 +203,21 @@ def _read_log(path: Path) -> list[dict[str, Any]]:
             record = json.loads(line)
         except json.JSONDecodeError:
             record = None
-        if not isinstance(record, dict) or (number > 1 and "event" not in record):
-            raise ValueError(f"{path}, line {number} is not part of a wire log")
+        if not (isinstance(record, dict) and (_is_header(record) if number == 1 else _is_event(record))):
+            raise ValueError(f"{path}, line {number} is not part of a wire log of version {_VERSION}")
         records.append(record)
-    if not records or records[0].get("wire_log") != _VERSION:
-        raise ValueError(f"{path} is not a wire log of version {_VERSION}")
+    if not records:
+        raise ValueError(f"{path} is empty, not a wire log of version {_VERSION}")
     return records
+
+
+def _is_header(record: dict[str, Any]) -> bool:
+    return record.get("wire_log") == _VERSION and isinstance(record.get("resource"), str)
+
+
+def _is_event(record: dict[str, Any]) -> bool:
+    fields = _FIELDS.get(str(record.get("event")))
+    return fields is not None and all(isinstance(record.get(name), str) for name in fields)
 
 
 def _first_difference(expected: bytes, got: bytes) -> int:

@@ -26,15 +26,6 @@ _VISA = re.compile(r"GPIB\d*(::\d+){1,2}(::INSTR)?|TCPIP\d*::[^:]+(::[a-z][\w,]*
 _VISA_PREFIX = "visa:"
 
 
-def open_transport(
-    resource: str, *, visa_backend: str = "@py", baud_rate: int = 115200, marker: Marker | None = None
-) -> Transport:
-    """Return the transport of `make_transport`, open. Raises ValueError and what `Transport.open` raises."""
-    transport = make_transport(resource, visa_backend=visa_backend, baud_rate=baud_rate, marker=marker)
-    transport.open()
-    return transport
-
-
 def make_transport(
     resource: str, *, visa_backend: str = "@py", baud_rate: int = 115200, marker: Marker | None = None
 ) -> Transport:

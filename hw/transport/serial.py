@@ -20,8 +20,9 @@ class SerialTransport(Transport):
     """Transport over one serial port, 8N1, held exclusively.
 
     A line has no connection to drop, so a late answer can only be waited out. Clearing reads until nothing has
-    come for `settle_s`; an answer later than that would be given to the next question. With a `marker` that
-    cannot happen: a question with an answer of its own is asked, and everything before that answer is dropped.
+    come for `settle_s` (several tries of less time each add up); an answer later than that would be given to the
+    next question. With a `marker` that cannot happen: a question with an answer of its own is asked, and everything
+    before that answer is dropped.
     Closing a port drops RTS and DTR, so clearing keeps it open while it works. `rts` and `dtr` are the levels
     at opening (some systems pulse both for an instant); with `rtscts` the port itself drives RTS.
     """
@@ -51,41 +52,35 @@ class SerialTransport(Transport):
             clock=clock,
         )
         self._settings = {"baudrate": baud_rate, "rtscts": rtscts, "exclusive": True}
-        self._lines = {"rts": rts, "dtr": dtr}
+        self._rts, self._dtr = rts, dtr
         self._path = port
         self._settle_s = settle_s
         self._resynchronise = None if marker is None else Resynchroniser(marker, self.resource)
         self._port: serial.Serial | None = None
+        self._quiet_since_s: float | None = None  # while settling, over several tries
 
     def set_rts(self, high: bool) -> bool:
         """Drive RTS; False where the port has no such line (a pseudo-terminal). Raises DeviceDisconnected."""
-        return self._set_line("rts", high)
-
-    def set_dtr(self, high: bool) -> bool:
-        """Drive DTR; False where the port has no such line (a pseudo-terminal). Raises DeviceDisconnected."""
-        return self._set_line("dtr", high)
-
-    def _set_line(self, name: str, high: bool) -> bool:
         with self._lock:
             self._check_open()
             try:
-                setattr(self._connected(), name, high)
+                self._connected().rts = high
             except OSError as error:
                 if error.errno in _NO_SUCH_LINE:
                     return False
-                raise self._lost(f"did not take the line {name.upper()}", error) from error
-            self._lines[name] = high
+                raise self._lost("did not take the line RTS", error) from error
+            self._rts = high
             return True
 
     def _connect(self, deadline_s: float) -> None:
         try:
             port = serial.Serial(**self._settings)
             port.port = self._path
-            port.rts, port.dtr = self._lines["rts"], self._lines["dtr"]
+            port.rts, port.dtr = self._rts, self._dtr
             port.open()
         except (OSError, ValueError) as error:
             raise self._lost("cannot be opened", error) from error
-        self._port = port
+        self._port, self._quiet_since_s = port, None
 
     def _disconnect(self) -> None:
         if self._port is not None:
@@ -106,13 +101,21 @@ class SerialTransport(Transport):
             )
 
     def _settle(self, deadline_s: float) -> None:
-        """Read until the line has been quiet for `settle_s`."""
-        while True:
-            self._remaining_s(deadline_s)
+        """Read until the line has been quiet for `settle_s`; raises DeviceTimeout when the deadline is before that.
+
+        A question may have less time than `settle_s`: what it waited then counts for the next one.
+        """
+        self._discard_input()
+        if self._quiet_since_s is None:
+            self._quiet_since_s = self._clock()
+        while (settled_s := self._quiet_since_s + self._settle_s) > self._clock():
             try:
-                self._receive(min(deadline_s, self._clock() + self._settle_s), 1)
+                self._receive(min(deadline_s, settled_s), 1)
+                self._quiet_since_s = self._clock()
             except DeviceTimeout:
-                return
+                if deadline_s < settled_s:
+                    raise
+        self._quiet_since_s = None
 
     def _send(self, data: bytes, deadline_s: float) -> None:
         port = self._connected()
@@ -140,12 +143,13 @@ class SerialTransport(Transport):
         try:
             while waiting := port.in_waiting:
                 port.read(waiting)
+                self._quiet_since_s = None
         except OSError as error:
             raise self._lost("was lost", error) from error
 
     def _connected(self) -> serial.Serial:
         if self._port is None:
-            raise DeviceDisconnected(f"{self.resource} is not connected", "clear or open it again")
+            raise self._not_connected()
         return self._port
 
     def _lost(self, what: str, error: Exception) -> DeviceDisconnected:

@@ -42,10 +42,12 @@ class TcpTransport(Transport):
 
     @classmethod
     def from_resource(cls, resource: str) -> TcpTransport:
-        """Build from `TCPIP::host::port::SOCKET`; raises ValueError for anything else."""
+        """Build from `TCPIP::host::port::SOCKET`, port 1..65535; raises ValueError for anything else."""
         match = _RESOURCE.fullmatch(resource.strip())
         if match is None:
             raise ValueError(f"{resource!r} is not of the form TCPIP::host::port::SOCKET")
+        if not 0 < int(match["port"]) < 1 << 16:  # the system would take it modulo 65536: another port
+            raise ValueError(f"the port of {resource!r} must be 1..65535 in TCPIP::host::port::SOCKET")
         return cls(match["host"], int(match["port"]))
 
     def _connect(self, deadline_s: float) -> None:
@@ -53,7 +55,7 @@ class TcpTransport(Transport):
             connection = socket.create_connection(self._address, timeout=self._remaining_s(deadline_s))
         except TimeoutError:
             raise self._timeout("could not be reached") from None
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # UnicodeError: no such name can exist
             raise self._lost(f"cannot be reached ({error})") from error
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setblocking(False)
@@ -102,7 +104,7 @@ class TcpTransport(Transport):
 
     def _connected(self) -> socket.socket:
         if self._socket is None:
-            raise self._lost("is not connected")
+            raise self._not_connected()
         return self._socket
 
     def _lost(self, what: str) -> DeviceDisconnected:

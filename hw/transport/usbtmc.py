@@ -14,11 +14,11 @@ from typing import Any, NoReturn
 import usb.core
 import usb.util
 
-from hw.errors import BadReply, DeviceDisconnected, DeviceError
+from hw.errors import BadReply, DeviceDisconnected
 from hw.transport.contract import Transport
 
 _RESOURCE = re.compile(
-    r"USB\d*::(?P<vendor>0x[0-9a-f]+|\d+)::(?P<product>0x[0-9a-f]+|\d+)(::(?P<serial>[^:]+))?(::\d+)?::INSTR",
+    r"USB\d*::(?P<vendor>0x[0-9a-f]+|[1-9]\d*)::(?P<product>0x[0-9a-f]+|[1-9]\d*)(::(?P<serial>[^:]+))?(::\d+)?::INSTR",
     re.IGNORECASE,
 )
 
@@ -97,7 +97,10 @@ class UsbTmcTransport(Transport):
 
     @classmethod
     def from_resource(cls, resource: str, *, backend: Any = None) -> UsbTmcTransport:
-        """Build from `USB0::vendor::product[::serial][::interface]::INSTR`, ids decimal or 0x...; or ValueError."""
+        """Build from `USB0::vendor::product[::serial][::interface]::INSTR`, ids decimal or 0x...; or ValueError.
+
+        `0957` without its 0x is refused rather than guessed at: it is not decimal.
+        """
         match = _RESOURCE.fullmatch(resource.strip())
         if match is None:
             raise ValueError(f"{resource!r} is not of the form USB0::0xVVVV::0xPPPP::SERIAL::0::INSTR")
@@ -111,10 +114,8 @@ class UsbTmcTransport(Transport):
             self._claim(device)
             self.capabilities = self._read_capabilities(deadline_s)
             self._device_clear(deadline_s)
-        except DeviceError:
-            self._disconnect()
-            raise
         except usb.core.USBError as error:
+            self._disconnect()
             self._raise(error, "cannot be set up")
         except BaseException:
             self._disconnect()
@@ -201,10 +202,10 @@ class UsbTmcTransport(Transport):
 
     def _discard_input(self) -> None:
         """Nothing comes unasked: a device sends only what was requested, and a new message cancels an old answer."""
-        self._connected()
+        self._check_connected()
 
     def _write_transfer(self, kind: int, size: int, attributes: int, payload: bytes, deadline_s: float) -> None:
-        self._connected()
+        self._check_connected()
         self._tag = self._tag % 255 + 1
         header = _HEADER.pack(kind, self._tag, ~self._tag & 0xFF, size, attributes)
         transfer = header + payload + bytes(-len(payload) % _ALIGNMENT)
@@ -324,9 +325,9 @@ class UsbTmcTransport(Transport):
 
     # --- errors --------------------------------------------------------------------------------------------
 
-    def _connected(self) -> None:
+    def _check_connected(self) -> None:
         if self._device is None:
-            raise DeviceDisconnected(f"{self.resource} is not connected", "clear or open it again")
+            raise self._not_connected()
 
     def _remaining_ms(self, deadline_s: float) -> int:
         return max(1, round(1e3 * self._remaining_s(deadline_s)))  # 0 would mean for ever

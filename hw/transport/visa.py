@@ -179,7 +179,7 @@ class VisaTransport(Transport):
 
     def _connected(self) -> Any:
         if self._session is None:
-            raise DeviceDisconnected(f"{self.resource} is not connected", "clear or open it again")
+            raise self._not_connected()
         return self._session
 
     @contextmanager

@@ -63,6 +63,15 @@ def test_a_stream_may_end_at_zero_but_not_above() -> None:
         assert output.terminal_v == 1.0
 
 
+def test_a_stream_that_has_ended_leaves_the_rate_free() -> None:
+    """Its end is noticed by the next call, whatever that asks; no thread looks in between here."""
+    with SimulatedAnalogOutput(SETTINGS) as output:
+        output.write([1.0, 0.5], 1e3)
+        output._card.advance(0.01)
+        output.write([1.0, 2.0, 0.5], 500.0)
+        assert output.buffered_s == pytest.approx(0.006)
+
+
 def test_a_block_is_copied() -> None:
     block_v = np.full(10, 2.0)
     with SimulatedAnalogOutput(SETTINGS) as output:
@@ -97,6 +106,23 @@ def test_a_failed_write_is_zeroed_or_reported_as_unknown() -> None:
     output.advance(0.0)
     assert output.level_v == output.terminal_v == 0.5
     output.close()
+
+
+@pytest.mark.parametrize("step", ["start", "set_level"])
+def test_an_interrupt_leaves_no_output_that_nobody_watches(monkeypatch: pytest.MonkeyPatch, step: str) -> None:
+    """The card has begun when Ctrl-C comes; it would keep its last sample."""
+    with SimulatedAnalogOutput(SETTINGS) as output:
+        begin = getattr(output._card, step)
+
+        def interrupted(*arguments: Any) -> None:
+            begin(*arguments)
+            monkeypatch.undo()
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(output._card, step, interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            _ = output.write([4.0, 4.0], 1e3) if step == "start" else output.hold(4.0)
+        assert output.advance(0.01) == 0.5
 
 
 def test_it_must_be_open() -> None:

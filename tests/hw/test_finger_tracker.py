@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -300,6 +301,38 @@ def test_what_is_no_event_device_is_refused(path: str) -> None:
         open_touch_screen(path, CALIBRATION)
 
 
+@pytest.mark.parametrize("fails_at", ["ioctl", "capabilities", "absinfo", "no touch screen"])
+def test_a_device_that_cannot_be_taken_is_let_go_and_said_to_be_gone(
+    monkeypatch: pytest.MonkeyPatch, fails_at: str
+) -> None:
+    class Device:
+        fd, name, closed = -1, "pad", False
+
+        def __init__(self, path: str, *, readonly: bool) -> None:
+            made.append(self)
+
+        def capabilities(self, *, absinfo: bool) -> dict[int, list[int]]:
+            unplugged("capabilities")
+            return {} if fails_at == "no touch screen" else {3: [0x2F, 0x35, 0x36, 0x39]}
+
+        def absinfo(self, code: int) -> None:
+            unplugged("absinfo")
+
+        def close(self) -> None:
+            self.closed = True
+
+    def unplugged(where: str) -> None:
+        if where == fails_at:
+            raise OSError(19, "No such device")
+
+    made: list[Device] = []
+    monkeypatch.setitem(sys.modules, "evdev", SimpleNamespace(InputDevice=Device))
+    monkeypatch.setattr("hw.finger_tracker.fcntl.ioctl", lambda *_: unplugged("ioctl"))
+    with pytest.raises(BadReply if fails_at == "no touch screen" else DeviceDisconnected, match="/dev/input/event0"):
+        open_touch_screen("/dev/input/event0", CALIBRATION)
+    assert [device.closed for device in made] == [True]
+
+
 @pytest.mark.skipif(not os.access("/dev/uinput", os.W_OK), reason="needs a writable /dev/uinput")
 def test_a_real_event_device() -> None:
     evdev = pytest.importorskip("evdev", reason="evdev is not installed")
@@ -360,6 +393,7 @@ def test_the_residual_says_how_badly_points_agree() -> None:
         ([[5, 5], [5, 5], [5, 5]], [[0, 0], [1, 0], [0, 1]]),
         ([[0, 0], [1000, 0], [0, 1000]], [[0, 0], [0.1, 0], [0.2, 0]]),  # places on a line
         ([[0, 0], [1000, 0], [0, math.nan]], [[0, 0], [0.1, 0], [0, 0.1]]),
+        ([[0, 0], [1000, 0], [0, math.inf]], [[0, 0], [0.1, 0], [0, 0.1]]),
         ([[0, 0], [1000, 0], [0, 1000]], [[0, 0], [0.1, 0]]),
     ],
 )
@@ -467,6 +501,12 @@ def test_what_is_no_recording_is_refused(times: list[float], count: int) -> None
     column = np.zeros(count)
     with pytest.raises(ValueError, match="recording"):
         RecordedFinger(np.array(times), column, column, column.astype(bool))
+
+
+def test_a_single_number_is_no_recording() -> None:
+    number = np.float64(0.0)
+    with pytest.raises(ValueError, match="four columns"):
+        RecordedFinger(number, number, number, np.bool_(True))  # type: ignore[arg-type]
 
 
 def test_all_trackers_keep_the_protocol(slotted: Bench) -> None:

@@ -92,6 +92,13 @@ def test_while_nothing_is_known_only_what_calms_passes(message: bytes) -> None:
         known.check(message)
 
 
+def test_only_too_much_voltage_is_mended_by_less() -> None:
+    for message, hint in ((b"VOLT 6.1\n", "lower the voltage"), (b"APPL:SIN 1E3\n", "only what `Agilent33220A` sends")):
+        with pytest.raises(LimitExceeded) as refused:
+            gate(READY, message)
+        assert refused.value.hint.startswith(hint)
+
+
 def test_a_refused_message_leaves_no_trace() -> None:
     opened = gate(READY, b"VOLT 5\n")
     with pytest.raises(LimitExceeded):

@@ -11,9 +11,11 @@ import sys
 import textwrap
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
+import hw.watchdog
 from hw.errors import DeviceDisconnected
 from hw.simulated.faults import Fault, FaultyInstrument
 from hw.simulated.interlock import SimulatedInterlock
@@ -187,6 +189,52 @@ def test_silence_in_words() -> None:
     assert wait_for_silence(beats, 1e3) == "the pipe is closed"
 
 
+@pytest.mark.parametrize("slept_s", [1.0, 1.1, 1.3])
+def test_its_own_sleep_is_not_the_drivers_silence(bench: Bench, slept_s: float) -> None:
+    """A busy machine let the watchdog sleep for longer than its period while its driver went on beating."""
+    with Watchdog(bench.settings(period_s=1.0)) as watchdog:
+        watchdog.beat()
+        time.sleep(0.1)  # it has begun to wait
+        assert watchdog.pid is not None
+        os.kill(watchdog.pid, signal.SIGSTOP)
+        until_s = time.monotonic() + slept_s
+        while time.monotonic() < until_s:
+            watchdog.beat()
+            time.sleep(0.02)
+        os.kill(watchdog.pid, signal.SIGCONT)
+        for _ in range(20):
+            time.sleep(0.02)
+            watchdog.beat()
+        assert bench.on
+
+
+def test_starting_twice_does_not_let_go_of_the_first(bench: Bench) -> None:
+    with Watchdog(bench.settings()) as watchdog:
+        pid = watchdog.pid
+        watchdog.beat()
+        watchdog.start()
+        assert watchdog.pid == pid
+        assert bench.on
+
+
+def test_one_that_has_ended_is_started_again(bench: Bench) -> None:
+    with Watchdog(bench.settings()) as watchdog:
+        assert watchdog.pid is not None
+        os.kill(watchdog.pid, signal.SIGKILL)
+        os.waitid(os.P_PID, watchdog.pid, os.WEXITED | os.WNOWAIT)  # ended, and nobody has noticed yet
+        watchdog.start()
+        watchdog.beat()
+
+
+def test_an_input_that_cannot_be_read_is_at_its_end(bench: Bench, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hw.watchdog", "--generator", bench.server.resource]
+    with (tmp_path / "written").open("w") as write_only:
+        ended = subprocess.run(command, stdin=write_only, capture_output=True, text=True, check=False, timeout=HANG_S)
+    assert ended.returncode == Outcome.OFF
+    assert "the pipe is closed" in ended.stderr
+    assert not bench.on
+
+
 def test_beating_a_watchdog_that_was_never_started(bench: Bench) -> None:
     watchdog = Watchdog(bench.settings())
     with pytest.raises(DeviceDisconnected, match="it is not running"):
@@ -217,6 +265,26 @@ def test_a_generator_that_fails_for_a_while_is_tried_again(bench: Bench) -> None
     bench.faults.inject(Fault.HANG, count=3)
     assert watchdog.close() is True
     assert not bench.on
+
+
+def test_whatever_a_link_raises_the_other_instrument_is_switched_off(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Broken:
+        def open(self) -> None:
+            raise RuntimeError("nobody thought of this")
+
+        def close(self) -> None:
+            pass
+
+    made = hw.watchdog.make_transport
+    monkeypatch.setattr(hw.watchdog, "make_transport", lambda name: Broken() if name == "broken" else made(name))
+    settings = WatchdogSettings("broken", bench.server.resource, give_up_s=0.3, retry_s=0.1)
+    broken, other = hw.watchdog._instruments(settings)
+    other._off, other._answers = b"OUTP 0;:OUTP?\n", broken._answers  # a second generator in the interlock's place
+    assert hw.watchdog.switch_off([broken, other], settings) is Outcome.OFF
+    assert not bench.on
+    other._transport.close()
 
 
 @pytest.mark.parametrize("fault", [Fault.HANG, Fault.GARBAGE, Fault.DISCONNECT, Fault.TRUNCATED])

@@ -115,6 +115,23 @@ def test_internal_modulation_reaches_the_voltage_asked_for() -> None:
     assert bench.electrode()[2] == pytest.approx(200.0)
 
 
+def test_modulation_that_leaves_little_cannot_ask_for_more_than_the_generator_makes() -> None:
+    """At depth 0 half of the amplitude programmed is left: 600 V at a gain of 100 would take 24 Vpp."""
+    generator = Simulated33220A(IMMEDIATE)
+    settings = GeneratorSettings(
+        GAIN, 900.0, 10.0, 10e3, range_policy=RangePolicy.AUTO, modulation_input=ModulationInput(5.0, 1.0)
+    )
+    driver = Agilent33220A(MemoryTransport(generator), settings)
+    driver.connect()
+    driver.set_point(250.0, 500.0, modulation=InternalModulation(7.0, depth=0.0))
+    assert generator.handle(b"VOLT?\n") == b"+2.0000000000000E+01\n"
+    with pytest.raises(LimitExceeded, match="before modulation"):
+        driver.set_point(250.0, 600.0, modulation=InternalModulation(7.0, depth=0.0))
+    with pytest.raises(LimitExceeded, match="before modulation"):
+        driver.set_point(250.0, 480.0, 50.0, modulation=InternalModulation(7.0, depth=0.0))
+    assert generator.handle(b"VOLT?;:SYST:ERR?\n") == b'+2.0000000000000E+01;+0,"No error"\n'
+
+
 def test_a_waveform_is_uploaded_once_and_the_output_comes_back() -> None:
     bench = Bench()
     bench.driver.set_point(250.0, 100.0, waveform=ONE_SIDED)
@@ -193,6 +210,27 @@ def test_a_burst_ends_by_itself() -> None:
     bench.driver.set_burst(Burst(3, TriggerSource.EXTERNAL))
     with pytest.raises(InstrumentRejected, match="-211"):
         bench.driver.trigger()
+
+
+def test_a_burst_that_reads_back_as_noise_is_switched_off() -> None:
+    class Noisy:
+        """Garbles the number of cycles, and nothing else."""
+
+        def __init__(self) -> None:
+            self.generator = Simulated33220A(IMMEDIATE)
+
+        def handle(self, data: bytes) -> bytes:
+            answer = self.generator.handle(data)
+            return answer.replace(b"+3.0000000000000E+00", b"+3.0#00000000000E+00") if b"NCYC" in data else answer
+
+    noisy = Noisy()
+    driver = Agilent33220A(MemoryTransport(noisy), GeneratorSettings(GAIN, LIMIT_V, 10.0, 10e3))
+    driver.connect()
+    driver.set_point(100.0, 120.0)
+    driver.set_output(True)
+    with pytest.raises(BadReply, match="NCYC"):
+        driver.set_burst(Burst(3))
+    assert noisy.generator.output().on is False
 
 
 def test_no_burst_of_a_constant_voltage_or_under_modulation() -> None:

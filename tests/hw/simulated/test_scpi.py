@@ -142,7 +142,10 @@ def test_numbers(text: str, unit: str, value: float) -> None:
     assert parse_number(text, unit, {"MAXimum": 7.0}) == pytest.approx(value, rel=1e-12)
 
 
-@pytest.mark.parametrize(("text", "code"), [("5 V", -131), ("nan", -104), ("1_0", -104), ("", -104), ("5 XHZ", -131)])
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [("5 V", -131), ("nan", -104), ("1_0", -104), ("", -104), ("5 XHZ", -131), ("1E999", -123), ("-1E308 KHZ", -123)],
+)
 def test_bad_numbers(text: str, code: int) -> None:
     with pytest.raises(ScpiError) as caught:
         parse_number(text, "HZ")

@@ -87,7 +87,13 @@ def test_who_answers_something_else_is_not_believed():
 
     with pytest.raises(BadReply, match="LEVEL"):
         ServedAnalogOutput(MemoryTransport(Other()), SETTINGS).open()
-    assert AnalogOutputServer(SimulatedCard(0.0)).handle(b"PLAY\n") == b"ERROR\n"
+
+
+@pytest.mark.parametrize("line", [b"PLAY", b"", b"LEVEL", b"LEVEL x", b"START 1e3 zz", b"START 1e3 00", b"APPEND \xff"])
+def test_a_line_that_makes_no_sense_is_answered_and_changes_nothing(card, line):
+    before_v = card.terminal_v
+    assert AnalogOutputServer(card).handle(line + b"\n") == b"ERROR\n"
+    assert (card.terminal_v, card.waiting) == (before_v, 0)
 
 
 def test_a_card_that_is_gone_is_told(card, clock):

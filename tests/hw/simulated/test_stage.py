@@ -184,8 +184,22 @@ def test_an_obstacle_stops_the_carriage_with_an_error() -> None:
     rig.move_to(50.0)
     rig.now_s += 30.0
     status = rig.status()
-    assert (status.motion_error, status.position) == (True, 10 * COUNTS_PER_MM)
+    assert (status.motion_error, status.position) == (True, 10 * COUNTS_PER_MM - 1)
     assert not rig.stage.moving
+
+
+def test_an_obstacle_stays_in_the_way() -> None:
+    rig = Client()
+    rig.home()
+    rig.stage.faults.blocked_at_mm = 10.0
+    for target_mm in (50.0, 40.0, 10.5):
+        rig.move_to(target_mm)
+        rig.now_s += 30.0
+        assert rig.status().motion_error
+        assert rig.stage.position_mm < 10.0
+    rig.move_to(2.0)
+    rig.now_s += 30.0
+    assert rig.status().position == 2 * COUNTS_PER_MM
 
 
 def test_the_cable_out() -> None:

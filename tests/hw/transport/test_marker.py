@@ -30,6 +30,13 @@ def test_everything_before_the_second_answer_is_dropped(before: bytes) -> None:
     assert next(line) in ((b"never read",) if before != b"2\n2\n" else (b"1\n", b"2"))
 
 
+def test_bytes_are_counted_once_however_few_come_at_a_time() -> None:
+    owed = b"an old answer of some length\n" * 30
+    line = iter([bytes([byte]) for byte in owed + b"1\n2\n"])
+    Resynchroniser(numbered, "BOX")(lambda data: None, lambda: next(line), len(owed) + 4)
+    assert next(line, None) is None
+
+
 def test_it_gives_up_after_so_many_bytes() -> None:
     with pytest.raises(BadReply, match="BOX does not answer"):
         Resynchroniser(numbered, "BOX")(lambda data: None, lambda: b"noise\n", 1000)

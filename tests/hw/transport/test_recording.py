@@ -178,6 +178,20 @@ def test_a_program_that_swallows_the_refusal_cannot_go_on(replay: Replay) -> Non
         replay.check_finished()
 
 
+def test_after_a_difference_no_recorded_failure_is_played(tmp_path: Path) -> None:
+    path = tmp_path / "wire.jsonl"
+    events: list[dict[str, str]] = [{"event": "connect"}]
+    events.append({"event": "failed", "during": "discard", "code": "device_disconnected", "message": "m", "hint": "h"})
+    path.write_text("\n".join(map(json.dumps, [{"wire_log": 1, "resource": "X"}, *events])))
+    replay = Replay(path)
+    replay.open()
+    replay.close()  # where the log goes on with a command
+    with pytest.raises(ReplayMismatch, match="got a disconnect"):
+        replay.open()
+    with pytest.raises(ReplayMismatch, match="got a disconnect"):
+        replay._discard_input()
+
+
 def test_another_step_than_the_recorded_one_is_refused(replay: Replay) -> None:
     with pytest.raises(ReplayMismatch, match=r"expected sent b'FREQ 250.0;:FREQ\?\\n', got waiting for an answer"):
         replay.read_until(b"\n", 1.0)
@@ -204,6 +218,10 @@ def test_a_program_that_stops_early_has_not_finished(replay: Replay) -> None:
         ("not json\n", "line 1"),
         ('{"wire_log": 1, "resource": "X"}\n{"t_s": 0.1, "event": "se', "line 2"),
         ('{"wire_log": 1, "resource": "X"}\n[]\n', "line 2"),
+        ('{"wire_log": 1}\n', "line 1"),
+        ('{"wire_log": 1, "resource": "X"}\n{"event": "sent"}\n', "line 2"),
+        ('{"wire_log": 1, "resource": "X"}\n{"event": "failed", "during": "send"}\n', "line 2"),
+        ('{"wire_log": 1, "resource": "X"}\n{"event": "waved"}\n', "line 2"),
     ],
 )
 def test_a_file_that_is_no_log_is_refused(tmp_path: Path, text: str, message: str) -> None:

@@ -64,7 +64,6 @@ def test_a_line_that_does_not_exist_is_said_to_be_missing(server: SerialServer) 
         transport.set_rts(True)
     transport.open()
     assert transport.set_rts(True) is False
-    assert transport.set_dtr(False) is False
     assert transport.query(b"alive?\n", 5.0) == b"alive?"
     transport.close()
 
@@ -80,6 +79,32 @@ def test_without_a_marker_a_late_answer_is_waited_out(server: SerialServer) -> N
     with pytest.raises(DeviceTimeout):
         transport.query(b"late?\n", 0.02)
     assert transport.query(b"mine?\n", 5.0) == b"mine?"
+    transport.close()
+
+
+def test_questions_with_less_time_than_the_line_needs_to_settle_come_through_in_the_end(server: SerialServer) -> None:
+    """As an interlock box is asked: each try settled from the beginning, and after one late answer all failed."""
+    transport = SerialTransport(server.path, settle_s=0.25)
+    transport.open()
+    with pytest.raises(DeviceTimeout):
+        transport.query(b"late?\n", 0.02)
+    answers = []
+    for _ in range(100):
+        try:
+            answers.append(transport.query(b"mine?\n", 0.1))
+            break
+        except DeviceTimeout:
+            assert transport.dirty
+    assert answers == [b"mine?"]
+    transport.close()
+
+
+def test_a_line_that_had_no_time_to_settle_stays_dirty(server: SerialServer) -> None:
+    transport = SerialTransport(server.path, settle_s=0.4, open_timeout_s=0.05)
+    transport.open()
+    with pytest.raises(DeviceTimeout):
+        transport.clear()
+    assert transport.dirty
     transport.close()
 
 

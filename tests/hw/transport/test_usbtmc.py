@@ -308,6 +308,28 @@ def test_an_interface_in_use_is_refused(transport: UsbTmcTransport, backend: Spy
     assert transport.query(b"?still mine\n", 5.0) == b"still mine"
 
 
+@pytest.mark.parametrize("deaf_to", [5, 7])
+def test_an_open_that_fails_does_not_keep_the_interface(
+    backend: SpyingBackend, monkeypatch: pytest.MonkeyPatch, deaf_to: int
+) -> None:
+    """It used to stay claimed after a timeout, so that nobody else could have it until the object was gone."""
+    answered = backend.ctrl_transfer
+
+    def ctrl_transfer(dev_handle: Any, kind: int, request: int, *rest: Any) -> int:
+        if request == deaf_to:
+            raise usb.core.USBTimeoutError("timed out", -7, errno.ETIMEDOUT)
+        return answered(dev_handle, kind, request, *rest)
+
+    failed, other = (UsbTmcTransport(0x0957, 0x0407, backend=backend) for _ in range(2))
+    monkeypatch.setattr(backend, "ctrl_transfer", ctrl_transfer)
+    with pytest.raises(DeviceTimeout, match="cannot be set up"):
+        failed.open()
+    monkeypatch.setattr(backend, "ctrl_transfer", answered)
+    other.open()
+    assert other.query(b"?mine\n", 5.0) == b"mine"
+    other.close()
+
+
 def test_a_pulled_cable_is_a_disconnect_and_the_device_is_found_again(
     transport: UsbTmcTransport, backend: SpyingBackend
 ) -> None:
