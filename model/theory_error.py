@@ -20,7 +20,7 @@ GAP_LENGTH_M = (0.3e-6, 1e-6, 5e-6)
 LOG_STD = (  # [pressure, length]
     (0.30, 0.29, 0.12),
     (0.15, 0.16, 0.08),
-    (0.19, 0.09, 0.05),
+    (0.23, 0.12, 0.05),
 )
 PRESSURE_SCALE_PA = 13.33e6 * 1e3 * 20e-6  # Y* q0 h_rms of the compared contact
 LENGTH_SCALE_M = 20e-6  # h_rms of the compared contact
