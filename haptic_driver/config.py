@@ -142,7 +142,7 @@ def _members(annotation: Any) -> list[Any]:
 
 
 def find_config(name_or_path: str, kind: str) -> Path:
-    """The file of that name in a folder `kind` (rigs, models, plans) of the config folders, or the path itself."""
+    """The file of that name in a folder `kind` (rigs, models, ...) of the config folders, or the path itself."""
     given, what = Path(name_or_path), kind[:-1]
     names = config_names(kind)
     if given.suffix == ".toml" or os.sep in name_or_path:

@@ -165,13 +165,9 @@ class _Parts:
         )
 
     def monitor(self, channel: str | None) -> AnalogInput | None:
-        """A monitor of an alternating voltage is read by its peak: its mean says nothing."""
+        """By its peak: the mean of an alternating voltage says nothing."""
         card = self._config.analog_inputs
-        if channel is None or self._inputs is None or card is None:
-            return None
-        return NiAnalogInput(
-            self._inputs, channel, samples=max(1, ceil(card.monitor_window_s * card.sample_rate_hz)), peak=True
-        )
+        return None if channel is None or self._inputs is None or card is None else peak_of(card, self._inputs, channel)
 
     def fault_line(self) -> DigitalInput | None:
         name = self._config.amplifier.fault_line
@@ -266,17 +262,27 @@ class _Parts:
             return None
         gauges = sensor.gauges if isinstance(sensor, rig_config.NiForceSensorConfig) else []
         monitors = [channel for channel in (amplifier.voltage_monitor, amplifier.current_monitor) if channel]
-        inputs = NiAnalogInputs(
-            [*gauges, *monitors],
-            sample_rate_hz=card.sample_rate_hz,
-            range_v=card.range_v,
-            terminal=card.terminal,
-            buffer_s=card.buffer_s,
-            timeout_s=card.timeout_s,
-        )
+        inputs = analog_inputs(card, [*gauges, *monitors])
         self.before_rig.append(inputs.open)
         self.closing.append(inputs.close)
         return inputs
+
+
+def analog_inputs(card: rig_config.AnalogInputsConfig, channels: Sequence[str]) -> NiAnalogInputs:
+    """Some channels of the card as the rig's file describes it; not open."""
+    return NiAnalogInputs(
+        channels,
+        sample_rate_hz=card.sample_rate_hz,
+        range_v=card.range_v,
+        terminal=card.terminal,
+        buffer_s=card.buffer_s,
+        timeout_s=card.timeout_s,
+    )
+
+
+def peak_of(card: rig_config.AnalogInputsConfig, inputs: NiAnalogInputs, channel: str) -> NiAnalogInput:
+    """A monitor of an alternating voltage, read over the card's window."""
+    return NiAnalogInput(inputs, channel, samples=max(1, ceil(card.monitor_window_s * card.sample_rate_hz)), peak=True)
 
 
 def net_ft_settings(box: rig_config.NetFtForceSensorConfig) -> NetFtSettings:

@@ -13,11 +13,18 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from haptic_driver import rig_config
 from haptic_driver.daemon.real_time import PRIORITY
-from haptic_driver.devices import generator_transport, net_ft_settings, stage_settings, touch_calibration
+from haptic_driver.devices import (
+    analog_inputs,
+    generator_transport,
+    net_ft_settings,
+    peak_of,
+    stage_settings,
+    touch_calibration,
+)
 from haptic_driver.rig import MONITOR_QUIET_V
 from haptic_driver.rig_config import NO_WATCHDOG, RigConfig, Vouched
 from hw import apt
@@ -26,7 +33,7 @@ from hw.errors import BadReply, DeviceError
 from hw.finger_tracker import open_touch_screen
 from hw.interlock import IDENTITY
 from hw.net_ft import NetFt
-from hw.ni_daq import NiAnalogInput, NiAnalogInputs, NiDigitalInput
+from hw.ni_daq import NiDigitalInput
 from hw.stage import Lts150
 from hw.transport.contract import Transport
 from hw.transport.resource import make_transport
@@ -169,7 +176,6 @@ def _generator(config: RigConfig) -> Checks:
         yield from _generator_settings(config, transport, timeout_s)
         yield from _watchdog(config)  # while the driver's connection is open, as it will be
     yield from failed
-    transport.close()
 
 
 def _firmware(firmware: str) -> Check:
@@ -234,7 +240,6 @@ def _watchdog(config: RigConfig) -> Checks:
             "watchdog switching off", Status.NOT_VERIFIED, "it is not started here", "kill an armed driver once"
         )
     yield from failed
-    transport.close()
 
 
 # --- amplifier ---------------------------------------------------------------------------------------------------
@@ -266,7 +271,6 @@ def _fault_line(config: RigConfig) -> Checks:
         else:
             yield Check("fault line", Status.OK, "no fault")
     yield from failed
-    line.close()
 
 
 def _monitors(config: RigConfig) -> Checks:
@@ -278,11 +282,10 @@ def _monitors(config: RigConfig) -> Checks:
             "wire the amplifier's monitor to an analog input",
         )  # fmt: skip
         return
-    inputs = NiAnalogInputs([amplifier.voltage_monitor], sample_rate_hz=card.sample_rate_hz, terminal=card.terminal)
-    samples = max(1, round(card.monitor_window_s * card.sample_rate_hz))
+    inputs = analog_inputs(card, [amplifier.voltage_monitor])
     with _failures("voltage monitor", inputs) as failed:
         inputs.open()
-        monitor = NiAnalogInput(inputs, amplifier.voltage_monitor, samples=samples, peak=True)
+        monitor = peak_of(card, inputs, amplifier.voltage_monitor)
         electrode_v = monitor.read_v() / amplifier.voltage_monitor_v_per_v
         quiet = electrode_v <= MONITOR_QUIET_V
         said = f"peak {electrode_v:.3g} V at the electrode"
@@ -291,7 +294,6 @@ def _monitors(config: RigConfig) -> Checks:
         )
         yield Check("monitor scale", Status.NOT_VERIFIED, "needs a voltage", "compare one low voltage with a probe")
     yield from failed
-    inputs.close()
 
 
 def _interlock(config: RigConfig) -> Checks:
@@ -311,7 +313,6 @@ def _interlock(config: RigConfig) -> Checks:
                 )  # fmt: skip
                 yield Check("interlock contact", Status.NOT_VERIFIED, "its wiring shows only when it closes")
             yield from failed
-            transport.close()
         case rig_config.ModemLineInterlock() as modem:
             yield Check(
                 "interlock", Status.NOT_VERIFIED,
@@ -343,7 +344,6 @@ def _force_sensor(config: RigConfig) -> Checks:
                 yield Check("force sensor", status, f"{said}, status {net_ft.status_raw:#010x}")
                 yield Check("force scale", Status.NOT_VERIFIED, "counts and axes", "hang a known weight on it")
             yield from failed
-            net_ft.close()
         case rig_config.NiForceSensorConfig() as ni:
             yield from _gauges(config, ni)
         case _:
@@ -355,7 +355,7 @@ def _force_sensor(config: RigConfig) -> Checks:
 def _gauges(config: RigConfig, ni: rig_config.NiForceSensorConfig) -> Checks:
     card = config.analog_inputs
     assert card is not None  # or the file would have been refused
-    inputs = NiAnalogInputs(ni.gauges, sample_rate_hz=card.sample_rate_hz, terminal=card.terminal, range_v=card.range_v)
+    inputs = analog_inputs(card, ni.gauges)
     with _failures("force sensor", inputs) as failed:
         calibration = AtiCalibration.from_file(Path(ni.calibration_file))
         said = f"{calibration.serial} ({calibration.part_number}), calibrated: {calibration.calibrated_on}"
@@ -367,7 +367,6 @@ def _gauges(config: RigConfig, ni: rig_config.NiForceSensorConfig) -> Checks:
         said = "gauges at " + ", ".join(f"{v:.3f}" for v in gauges_v.mean(axis=0)) + " V"
         yield Check("force sensor", Status.FAILED if saturated else Status.OK, said, "unload it" if saturated else "")
     yield from failed
-    inputs.close()
 
 
 def _stage(config: RigConfig) -> Checks:
@@ -389,7 +388,6 @@ def _stage(config: RigConfig) -> Checks:
         how = f"{where}{', moving' if status.moving else ''}{', motion error' if status.motion_error else ''}"
         yield Check("stage state", Status.WARNING if bad else Status.OK, how)
     yield from failed
-    transport.close()
 
 
 def _stage_info(transport: Transport, timeout_s: float) -> apt.Info:
@@ -447,9 +445,13 @@ def _ask(transport: Transport, question: str, timeout_s: float) -> str:
     return transport.query(question.encode("ascii") + b"\n", timeout_s).decode("ascii", errors="replace").strip()
 
 
+class _Closable(Protocol):
+    def close(self) -> object: ...
+
+
 @contextmanager
-def _failures(name: str, device: object = None) -> Iterator[list[Check]]:
-    """Collects what a device's failure comes to; the list is empty when all went well."""
+def _failures(name: str, device: _Closable | None = None) -> Iterator[list[Check]]:
+    """Collects what a device's failure comes to, and closes it; the list is empty when all went well."""
     failed: list[Check] = []
     try:
         yield failed
@@ -458,3 +460,6 @@ def _failures(name: str, device: object = None) -> Iterator[list[Check]]:
             (error.message, error.hint) if isinstance(error, DeviceError) else (str(error), "check the reply")
         )
         failed.append(Check(name, Status.FAILED, message, hint))
+    finally:
+        if device is not None:
+            device.close()

@@ -1,56 +1,64 @@
-"""Files that a user gives or asks for: read as a whole, or an error that says why not; and why one was not written."""
+"""Files that a user gives or asks for: read as a whole, written as a whole, or an error that says why not."""
 
 from __future__ import annotations
 
+import csv
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from haptic_driver.errors import BadInputError, HapticError
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-LARGEST_FILE_BYTES = 1 << 30
-PICTURES = (".png", ".pdf", ".svg")
+from model import files
+from model.errors import ModelError
 
 
 def read_bytes(path: Path) -> bytes:
     """The whole file."""
-    try:
-        if path.is_dir():
-            raise BadInputError("file_unreadable", f"{path} is a folder, not a file", "name a file in it")
-        if path.stat().st_size > LARGEST_FILE_BYTES:
-            raise BadInputError(
-                "file_too_large", f"{path} has more than {LARGEST_FILE_BYTES >> 20} MiB", "use a smaller file"
-            )
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise BadInputError("file_not_found", f"{path} does not exist", "check the name and the folder") from None
-    except (OSError, ValueError) as error:
-        raise BadInputError("file_unreadable", f"{path} cannot be read: {_reason(error)}", "check what it is") from None
+    with bad_input():
+        return files.read_bytes(path)
 
 
 def read_text(path: Path) -> str:
     """The whole file as UTF-8, with or without a byte order mark."""
+    with bad_input():
+        return files.read_text(path)
+
+
+@contextmanager
+def bad_input() -> Iterator[None]:
+    """What a reader of `model` refuses becomes the driver's error, with the same code, message and hint."""
     try:
-        return read_bytes(path).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise BadInputError(
-            "file_unreadable", f"{path} is not UTF-8 text (byte {error.start})", "save it as UTF-8"
-        ) from None
+        yield
+    except ModelError as error:
+        raise BadInputError(error.code, error.message, error.hint) from error
 
 
-def write_picture(figure: Figure, path: Path, dpi: int = 110) -> None:
-    """Save a picture, in a folder made for it where there is none; its ending says how."""
-    if path.suffix.lower() not in PICTURES:
-        raise BadInputError(
-            "bad_ending", f"{path}: is no name of a picture", f"Give a name that ends in {', '.join(PICTURES)}"
-        )
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Where to write what shall be at `path`: it takes its place at the end of the block, or nothing does.
+
+    The folder is made where there is none. A reader sees the old file or the new one, never half of one. HapticError
+    where it cannot be written.
+    """
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=dpi)
+        yield part
+        os.replace(part, path)
     except OSError as error:
         raise not_written(path, error) from error
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def write_rows(path: Path, rows: Sequence[Mapping[str, str | float]]) -> None:
+    """A CSV of records with the same keys, at least one; the keys are its header."""
+    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def not_written(path: Path, error: OSError) -> HapticError:

@@ -7,16 +7,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-mpl.use("Agg")
-import matplotlib.pyplot as plt
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
-from haptic_driver.files import write_picture
+from haptic_driver.picture_files import plt, saved
 from model.calibration import Calibration
 from model.sensitivity import Sensitivity
 from model.spectra import ForceSpectrum, Steepness
@@ -30,7 +25,7 @@ PERCENTILES = (5, 25, 75, 95)
 def draw_calibration(found: Calibration, path: Path) -> None:
     """Measured against fitted friction, whitened residuals over frequency, and what was learnt of each parameter."""
     data = found.data
-    with _saved(path, 1, 3, (13.5, 4.3)) as (fit, residuals, parameters):
+    with _panels(path, 1, 3, (13.5, 4.3)) as (fit, residuals, parameters):
         measured, predicted = data.columns["cof"], found.predicted_cof
         fit.plot(predicted, measured, ".", color=DATA, alpha=0.6, ms=4)
         ends = [min(measured.min(), predicted.min()), max(measured.max(), predicted.max())]
@@ -69,7 +64,7 @@ def draw_sensitivity(found: Sensitivity, path: Path) -> None:
     rows = -(-count // columns)
     order = np.argsort(found.total.max(axis=0))
     place = np.arange(order.size)
-    with _saved(path, rows, columns, (4.3 * columns, 1.4 + 0.3 * order.size * rows), sharey=True) as panels:
+    with _panels(path, rows, columns, (4.3 * columns, 1.4 + 0.3 * order.size * rows), sharey=True) as panels:
         for panel, name, first, total in zip(panels, found.conditions, found.first, found.total, strict=False):
             panel.barh(place, total[order], color=QUIET, height=0.75, label="with interactions (total)")
             panel.barh(place, first[order], color=MODEL, height=0.4, label="by itself (first order)")
@@ -82,7 +77,7 @@ def draw_sensitivity(found: Sensitivity, path: Path) -> None:
 
 def draw_study(frequency_hz: Array, highest_cof: Array, reachable: Array, about: str, path: Path) -> None:
     """Percentiles over fingers of the highest friction [finger, f], and the spread of what is offered [finger, 2]."""
-    with _saved(path, 1, 2, (11, 4.5)) as (over_frequency, spread):
+    with _panels(path, 1, 2, (11, 4.5)) as (over_frequency, spread):
         low, quarter, three_quarters, high = np.percentile(highest_cof, PERCENTILES, axis=0)
         over_frequency.fill_between(frequency_hz, low, high, color=MODEL, alpha=0.2, label="90 % of fingers")
         over_frequency.fill_between(frequency_hz, quarter, three_quarters, color=MODEL, alpha=0.4, label="half of them")
@@ -98,7 +93,7 @@ def draw_study(frequency_hz: Array, highest_cof: Array, reachable: Array, about:
 
 def draw_force_spectra(spectra: Mapping[str, ForceSpectrum], path: Path) -> None:
     """Lines of the force of several drives, one panel each."""
-    with _saved(path, len(spectra), 1, (8, 1.9 * len(spectra)), sharex=True) as panels:
+    with _panels(path, len(spectra), 1, (8, 1.9 * len(spectra)), sharex=True) as panels:
         for panel, (name, spectrum) in zip(panels, spectra.items(), strict=True):
             size = 1e3 * np.abs(spectrum.force_n)
             kept = size > 1e-3 * size.max()
@@ -113,7 +108,7 @@ def draw_force_spectra(spectra: Mapping[str, ForceSpectrum], path: Path) -> None
 
 def draw_impedance(frequency_hz: Array, impedances: Mapping[str, NDArray[np.complex128]], path: Path) -> None:
     """Magnitude and phase of the touch's impedance over frequency."""
-    with _saved(path, 2, 1, (7.5, 6), sharex=True) as (magnitude, phase):
+    with _panels(path, 2, 1, (7.5, 6), sharex=True) as (magnitude, phase):
         for (name, z), colour in zip(impedances.items(), COLOURS, strict=False):
             magnitude.plot(frequency_hz, np.abs(z), color=colour, label=name)
             phase.plot(frequency_hz, np.degrees(np.angle(z)), color=colour)
@@ -124,7 +119,7 @@ def draw_impedance(frequency_hz: Array, impedances: Mapping[str, NDArray[np.comp
 
 def draw_steepness(found: Steepness, level: int, path: Path) -> None:
     """Where the force turns steep, and where the contact pulls in, under one load."""
-    with _saved(path, 1, 1, (7.5, 5)) as (axes,):
+    with _panels(path, 1, 1, (7.5, 5)) as (axes,):
         f, v = found.frequency_hz, found.voltage_v[1:]
         exponent = np.ma.masked_invalid(found.exponent[:, 1:, level].T)
         mesh = axes.pcolormesh(f, v, exponent, shading="gouraud", cmap="magma", vmin=2.0)
@@ -141,7 +136,7 @@ def draw_steepness(found: Steepness, level: int, path: Path) -> None:
 
 def draw_lines(curves: Mapping[str, tuple[Array, Array]], x: str, y: str, path: Path) -> None:
     """Curves (x, y) by name on one pair of axes, x logarithmic."""
-    with _saved(path, 1, 1, (7, 4.5)) as (axes,):
+    with _panels(path, 1, 1, (7, 4.5)) as (axes,):
         for (name, (at, values)), colour in zip(curves.items(), COLOURS, strict=False):
             axes.plot(at, values, color=colour, label=name)
         axes.set(xscale="log", xlabel=x, ylabel=y)
@@ -156,14 +151,10 @@ def _words(name: str) -> str:
 
 
 @contextmanager
-def _saved(path: Path, rows: int, columns: int, size: tuple[float, float], **how: Any) -> Any:
-    """Axes [rows x columns] to draw on; saved at the end."""
-    figure: Figure
+def _panels(path: Path, rows: int, columns: int, size: tuple[float, float], **how: Any) -> Any:
+    """Axes [rows x columns] to draw on; saved at the end of the block."""
     figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False, **how)
-    for panel in axes.ravel():
-        panel.grid(alpha=0.25)
-    try:
+    with saved(figure, path):
+        for panel in axes.ravel():
+            panel.grid(alpha=0.25)
         yield axes.ravel().tolist()
-        write_picture(figure, path)
-    finally:
-        plt.close(figure)

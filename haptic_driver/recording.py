@@ -18,7 +18,7 @@ import importlib
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from haptic_driver.daemon.records import Event
 from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.files import not_written
+from haptic_driver.files import replacing
 
 FORMAT = "haptic-driver recording"
 FORMAT_VERSION = 1.0
@@ -90,28 +90,20 @@ def export(
         raise BadInputError("bad_ending", f"{out}: ends neither in .csv nor in .parquet", "Give --out run.csv")
     if out.exists() and not force:
         raise BadInputError("file_exists", f"{out}: exists already", "Give --force or another --out")
-    part = out.with_name(f"{out.name}.{os.getpid()}.part")
     with _opened(path) as file:
         group = _group(path, file, run)
         table = group["events" if events else "samples"]
         fields = tuple(EVENT_FIELDS) if events else FIELDS
         about = {"recording": path.name, "run": group.name.strip("/"), **_attributes(group)}
-        try:
-            out.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(out) as part:
             write(part, fields, _blocks(table, fields, progress), about)
-            os.replace(part, out)
-        except OSError as error:
-            raise not_written(out, error) from error
-        finally:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
         return int(table[fields[0]].shape[0])
 
 
-def row_count(path: Path, run: str | None = None) -> int:
-    """Samples in a run."""
+def row_count(path: Path, run: str | None = None, *, events: bool = False) -> int:
+    """Samples (or events) in a run."""
     with _opened(path) as file:
-        return int(_group(path, file, run)["samples/tick"].shape[0])
+        return int(_group(path, file, run)["events/number" if events else "samples/tick"].shape[0])
 
 
 # --- inside ----------------------------------------------------------------------------------------------------
@@ -155,7 +147,7 @@ def _check_format(path: Path, file: h5py.File) -> None:
 
 
 def _names(file: h5py.File) -> list[str]:
-    return sorted(file)
+    return sorted(file, key=lambda name: (len(name), name))  # run_10000 comes after run_9999
 
 
 def _group(path: Path, file: h5py.File, name: str | None) -> h5py.Group:

@@ -19,7 +19,7 @@ from pydantic import TypeAdapter
 
 from haptic_driver.daemon.api import create_app
 from haptic_driver.daemon.records import Control
-from haptic_driver.experiments.plan import _PlanFile
+from haptic_driver.experiments.plan import PlanFile
 from haptic_driver.rig_config import RigConfig
 from haptic_driver.study import StudyPlan
 from haptic_driver.textures.description import Description
@@ -63,7 +63,7 @@ def pages() -> dict[str, str]:
 
 def configuration_page() -> str:
     """What every file of `configs/` may say."""
-    words = tomllib.loads((DOCS / "keys.toml").read_text(encoding="utf-8"))
+    words = _words()
     rig_words = {**_template_comments(ROOT / "configs" / "rigs" / "template.toml"), **words["rig"]}
     parts = [
         "# Configuration: every key of every file",
@@ -79,11 +79,16 @@ def configuration_page() -> str:
         words["textures"].strip(),
         *_variants(TypeAdapter(Description).json_schema(), words["texture"]),
         "## Measurement plans: `configs/plans/NAME.toml`",
-        *_sections(_PlanFile.model_json_schema(), words["plan"]),
+        *_sections(PlanFile.model_json_schema(), words["plan"]),
         "## Populations of fingers: `configs/populations/NAME.toml`",
         *_sections(StudyPlan.model_json_schema(), words["population"]),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _words() -> dict[str, Any]:
+    """What no record and no template says."""
+    return tomllib.loads((DOCS / "keys.toml").read_text(encoding="utf-8"))
 
 
 def _template_comments(path: Path) -> dict[str, str]:
@@ -221,7 +226,7 @@ def api_page() -> str:
     """What the daemon's HTTP API takes and answers."""
     # Only the description is wanted: nothing calls the daemon behind it.
     described = create_app(cast(Control, None)).openapi()
-    words = tomllib.loads((DOCS / "keys.toml").read_text(encoding="utf-8"))["api"]
+    words = _words()["api"]
     parts = ["# The daemon's HTTP API", GENERATED, words["introduction"].strip(), "## Requests"]
     for path, methods in described["paths"].items():
         for method, operation in methods.items():
@@ -265,7 +270,7 @@ def _fields(schema: Schema) -> str:
 
 def python_page() -> str:
     """The examples, each with the words at its top."""
-    words = tomllib.loads((DOCS / "keys.toml").read_text(encoding="utf-8"))["python"]
+    words = _words()["python"]
     parts = ["# Python: the same from a script", GENERATED, words["introduction"].strip()]
     for path in sorted((ROOT / "examples").glob("*.py")):
         source = path.read_text(encoding="utf-8")

@@ -51,8 +51,8 @@ class SimulatedRig:
 
     `rig` is what a driver sees. `amplifier` keeps the record of what really was at the electrode. `wrap` may put
     something between the generator and its socket, such as faults; `through` something around the driver's transport,
-    such as a wire log. The finger's friction is the model's with the
-    effects that the rig's configuration hides, or `friction`, any function at all; `finger_gain` multiplies it.
+    such as a wire log. The finger's friction is the model's with the effects that the rig's configuration hides, or
+    `friction`, any function at all; `finger_gain` multiplies it.
     """
 
     def __init__(

@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.files import bad_input
 from haptic_driver.render.texture import Texture
 from haptic_driver.render.tick import TickSettings, TickState, tick
 from haptic_driver.rig import OffEvidence
 from haptic_driver.signals import FingerSample
 from haptic_driver.simulated_rig import SimulatedRig
-from haptic_driver.tables import Table, read_table
 from hw.force_sensor import ForceReading
+from model.tables import Table, read_table
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -120,14 +121,15 @@ def _stroke(time: Array, start_s: float, duration_s: float) -> Array:
 def read_slide(path: Path) -> Slide:
     """A recorded slide: CSV with `time_s, position_m, normal_force_n`, rising in time; resampled to the tick."""
     wanted = f"Give a CSV with columns {', '.join(COLUMNS)}, time rising, at least 10 rows"
-    read = read_table(path, COLUMNS, wanted)
-    table = np.array([[_number(read, i, c) for c in COLUMNS] for i in range(len(read.rows))]).reshape(-1, len(COLUMNS))
+    with bad_input():
+        read = read_table(path, COLUMNS, wanted)
+        table = np.column_stack([_numbers(read, column) for column in COLUMNS])
     if len(table) < 10:
         raise BadInputError("bad_slide", f"{path}: has {len(table)} rows", wanted)
     backwards = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
     if backwards.size:
-        line = read.lines[backwards[0] + 1]
-        raise BadInputError("bad_slide", f"{path}, line {line}: time_s does not rise", wanted)
+        where = read.where(int(backwards[0]) + 1)
+        raise BadInputError("bad_slide", f"{where}: time_s does not rise", wanted)
     if table[-1, 0] - table[0, 0] < 10 * TICK_S:
         raise BadInputError("bad_slide", f"{path}: lasts less than {10 * TICK_S:g} s; is time_s in seconds?", wanted)
     if table[-1, 0] - table[0, 0] > 3600.0:
@@ -142,12 +144,14 @@ def read_slide(path: Path) -> Slide:
     return Slide(path.name, time, position, force)
 
 
-def _number(table: Table, row: int, column: str) -> float:
-    value = table.number(row, column)
-    if abs(value) > LARGEST.get(column, np.inf):
-        where = f"{table.path}, line {table.lines[row]}: {column} = {value:g}"
-        raise BadInputError("bad_slide", f"{where} is out of range", f"Give at most {LARGEST[column]:g} in SI units")
-    return value
+def _numbers(table: Table, column: str) -> Array:
+    values = table.numbers(column)
+    too_large = np.flatnonzero(np.abs(values) > LARGEST.get(column, np.inf))
+    if too_large.size:
+        i = int(too_large[0])
+        said = f"{table.where(i)}: {column} = {values[i]:g} is out of range"
+        raise BadInputError("bad_slide", said, f"Give at most {LARGEST[column]:g} in SI units")
+    return values
 
 
 def render_slide(

@@ -27,6 +27,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from haptic_driver.config import find_config, load_model, load_rig, parse, read_toml
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.files import replacing
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.surface import invert
@@ -232,9 +233,8 @@ def _resume(study: Study, path: Path) -> dict[int, dict[str, Any]]:
         done = {found["task"]: found for found in map(json.loads, lines[1:])}
     except (ValueError, TypeError, KeyError) as error:
         raise BadInputError("bad_study", f"{path}: is damaged ({error})", "Remove it to begin again") from error
-    part = path.with_suffix(".part")
-    part.write_text("\n".join([head, *lines[1:], ""]), encoding="utf-8")
-    os.replace(part, path)
+    with replacing(path) as part:
+        part.write_text("\n".join([head, *lines[1:], ""]), encoding="utf-8")
     return done
 
 
@@ -263,7 +263,7 @@ def _executor(cluster: str | None, workers: int | None) -> Iterator[Executor]:
 
 
 def _write_table(results: list[dict[str, Any]], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         names = list(results[0]["values"])
         writer.writerow(["task", "finger", *names, *NUMBERS])

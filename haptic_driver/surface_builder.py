@@ -91,7 +91,7 @@ class SurfaceBuilder:
     def rebuild(self, description: ModelDescription, with_interval: bool = False) -> SurfaceFile:
         """Solve the model on every point of the axes; `with_interval` adds how far friction may be off (about 1 s).
 
-        10 to 25 ms (`benchmarks/surface_rebuild.py`), more where effects bend both stack and field with the voltage,
+        7 to 16 ms (`benchmarks/surface_rebuild.py`), more where effects bend both stack and field with the voltage,
         or where a new roughness shape needs a gap table (under a second, once).
         """
         f, v, n = self._axes.frequency_hz, self._axes.voltage_v, self._axes.normal_force_n

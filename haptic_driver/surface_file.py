@@ -12,7 +12,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from contextlib import suppress
 from dataclasses import dataclass, fields
 from math import log
 from pathlib import Path
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import not_written
+from haptic_driver.files import replacing
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.correction import Correction
 from haptic_driver.render.surface import Surface
@@ -84,23 +83,14 @@ class SurfaceFile:
         return own | {f"{CORRECTION}{name}": x for name, x in more.items()} | {f"{COF}{k}": x for k, x in ends.items()}
 
     def write(self, path: Path) -> None:
-        """Write atomically: a reader sees the old file or the new one, never half of one."""
-        part = path.with_name(f"{path.name}.{os.getpid()}.part")
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with h5py.File(part, "w") as file:
-                file.attrs["format"] = FORMAT
-                file.attrs["format_version"] = FORMAT_VERSION
-                file.attrs["content_hash"] = self.content_hash
-                file.attrs["provenance"] = json.dumps(self.provenance)
-                for name, values in self._datasets().items():
-                    file.create_dataset(name, data=values.astype(np.uint8) if values.dtype == bool else values)
-            os.replace(part, path)
-        except OSError as error:
-            raise not_written(path, error) from error
-        finally:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
+        """Write all or nothing; HapticError says why not."""
+        with replacing(path) as part, h5py.File(part, "w") as file:
+            file.attrs["format"] = FORMAT
+            file.attrs["format_version"] = FORMAT_VERSION
+            file.attrs["content_hash"] = self.content_hash
+            file.attrs["provenance"] = json.dumps(self.provenance)
+            for name, values in self._datasets().items():
+                file.create_dataset(name, data=values.astype(np.uint8) if values.dtype == bool else values)
 
 
 _REQUIRED = [f.name for f in fields(SurfaceFile) if f.name not in ("provenance", "correction", "cof_interval")]

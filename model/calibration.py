@@ -18,11 +18,11 @@ from scipy.special import ndtri
 from model.description import ModelDescription
 from model.diagnosis.data import Array, Measurements
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.model_file import dielectric_entry, model_text, program
+from model.diagnosis.model_file import dielectric_entry, fitted_nuisances, model_text, program
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.space import FINGER, GAP_OFFSET, Nuisance, Predictor
 from model.errors import ModelError, nearest
-from model.parameters import SPECIFICATION, Parameter
+from model.parameters import SPECIFICATION
 
 OPTIONAL = (  # known of a screen or hidden behind the others, so fitted only where asked for; spreads judged
     Nuisance("contact_area_m2", 0.10),
@@ -103,7 +103,7 @@ def calibrate(description: ModelDescription, data: Measurements, also: Sequence[
     correlated = _correlated(free, fit)
     predicted = np.exp(problem.predictor.log_cof([], fit.vector[None])[0])
     return Calibration(
-        model=_model(description, data, parameters, free, fit),
+        model=_model(description, data, free, fit),
         parameters=parameters,
         correlated=correlated,
         warnings=(*noise.warnings, *_warnings(data, parameters, correlated, fit)),
@@ -176,27 +176,18 @@ def _warnings(
     return said
 
 
-def _model(
-    description: ModelDescription,
-    data: Measurements,
-    parameters: Sequence[FittedParameter],
-    free: Sequence[Nuisance],
-    fit: Fit,
-) -> ModelDescription:
+def _model(description: ModelDescription, data: Measurements, free: Sequence[Nuisance], fit: Fit) -> ModelDescription:
     """The model with this finger: values with one standard deviation each, to first order.
 
     The numbers held in the fit lose theirs: the data fix what they do together with the fitted ones.
     """
     source = f"calibrated, data sha256 {data.content_hash[:16]}"
-    fitted = {
-        p.name: Parameter(p.value, p.unit, source, n.slope(description.parameters[p.name].value, float(x)) * p.learnt)
-        for p, n, x in zip(parameters, free, fit.vector, strict=True)
-    }
+    held = {name: replace(p, std=None) for name, p in description.parameters.items()}
     return replace(
         description,
         name=f"{description.name.removesuffix('-calibrated')}-calibrated",
         about=f"{description.name}, calibrated to one finger",
-        parameters={name: replace(p, std=None) for name, p in description.parameters.items()} | fitted,
+        parameters=held | fitted_nuisances(description, fit, source, free),
     )
 
 

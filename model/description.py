@@ -13,9 +13,16 @@ from typing import Any
 from model.dielectrics import Dielectric, PowerLaw, named, read_csv
 from model.effects import BY_NAME, Effect
 from model.errors import ModelError, nearest
+from model.files import read_text
 from model.parameters import FRICTION_LAWS, SPECIFICATION, FrictionLaw, Parameter, TouchParameters
 
 VARIANTS = ("corrected", "published", "published_absolute")  # the last two: `published.py`
+POWER_LAW = {  # unit and range of its numbers
+    "eps_inf": ("1", 1.0, 1e6),
+    "amplitude": ("1", 0.0, 1e9),
+    "exponent": ("1", 0.0, 1.0),
+    "conductivity_s_per_m": ("S/m", 0.0, 1e3),
+}
 
 
 @dataclass(frozen=True)
@@ -79,10 +86,8 @@ class ModelDescription:
 def read_model(path: Path) -> ModelDescription:
     """Read a model file; ModelError says which key of which file is wrong, and the nearest valid choice."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ModelError(f"{path}: model file cannot be read ({error.strerror})", "Give an existing file") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        content = tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
         raise ModelError(f"{path}: not valid TOML: {error}", "Compare with configs/models/reference.toml") from error
     keys = ["name", "about", "variant", "friction_law", "dielectric", "parameters", "effects", "origin"]
     _check_keys(content, keys, str(path))
@@ -172,13 +177,18 @@ def _read_dielectric(table: Any, path: Path) -> Dielectric:
         raise ModelError(f"{where}: has no key 'set'", 'For example: set = "gabriel_dry"')
     kind = str(table["set"])
     if kind == "power_law":
-        keys = ["eps_inf", "amplitude", "exponent", "conductivity_s_per_m"]
-        _check_keys(table, ["set", *keys], where)
-        eps_inf, amplitude, exponent, conductivity = (_number(table.get(key), f"{where} {key}") for key in keys)
+        _check_keys(table, ["set", *POWER_LAW], where)
+        missing = [key for key in POWER_LAW if key not in table]
+        if missing:
+            raise ModelError(f"{where}: {missing[0]} is missing", f"Give {', '.join(POWER_LAW)}")
+        numbers = (_read_number(key, table[key], spec, where).value for key, spec in POWER_LAW.items())
+        eps_inf, amplitude, exponent, conductivity = numbers
         return PowerLaw(eps_inf, amplitude, exponent, conductivity)
     if kind == "csv":
         _check_keys(table, ["set", "file"], where)
-        return read_csv(path.parent / str(table.get("file", "")))
+        if not isinstance(table.get("file"), str):
+            raise ModelError(f"{where}: set = 'csv' has no key 'file'", 'For example: file = "skin.csv"')
+        return read_csv(path.parent / table["file"])
     _check_keys(table, ["set"], where)
     return named(kind)
 

@@ -7,7 +7,6 @@ theirs.
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from math import pi
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.errors import ModelError, nearest
+from model.tables import read_table
 
 EPS0 = 8.8541878128e-12  # F/m, CODATA 2018
 
@@ -127,24 +127,16 @@ def named(name: str) -> Dielectric:
 def read_csv(path: Path) -> Tabulated:
     """A set from columns `frequency_hz, eps_real, conductivity_s_per_m`; ModelError says which line is wrong."""
     columns = ("frequency_hz", "eps_real", "conductivity_s_per_m")
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            rows = [(reader.line_num, row) for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ModelError(f"{path}: dielectric table cannot be read ({error})", "Give an existing CSV file") from error
     wanted = f"Wanted: columns {', '.join(columns)}; at least 2 rows, frequencies rising, all values positive"
-    values: list[tuple[float, ...]] = []
-    for line, row in rows:
-        try:
-            values.append(tuple(float(row[c]) for c in columns))
-        except (KeyError, TypeError, ValueError) as error:
-            raise ModelError(f"{path}, line {line}: {error} is missing or not a number", wanted) from error
-    table = np.array(values, dtype=np.float64).reshape(-1, 3)
-    usable = (
-        len(table) >= 2 and bool(np.all(np.isfinite(table) & (table > 0))) and bool(np.all(np.diff(table[:, 0]) > 0))
-    )
-    if not usable:
+    table = read_table(path, columns, wanted)
+    frequency, eps_real, conductivity = (table.numbers(name) for name in columns)
+    positive = bool(np.all(np.stack([frequency, eps_real, conductivity]) > 0.0))
+    if frequency.size < 2 or not positive or not np.all(np.diff(frequency) > 0.0):
         raise ModelError(f"{path}: not a usable dielectric table", wanted)
-    f, eps, sigma = (tuple(column) for column in table.T.tolist())
-    return Tabulated(path.stem, f"user's table {path.name}", f, eps, sigma)
+    return Tabulated(
+        name=path.stem,
+        source=f"user's table {path.name}",
+        frequency_hz=tuple(frequency.tolist()),
+        eps_real=tuple(eps_real.tolist()),
+        conductivity_s_per_m=tuple(conductivity.tolist()),
+    )

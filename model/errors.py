@@ -6,12 +6,13 @@ from difflib import get_close_matches
 
 
 class ModelError(ValueError):
-    """Bad input to the model: `message` says what and where, `hint` what to do."""
+    """Bad input to the model: `message` says what and where, `hint` what to do, `code` names the kind of mistake."""
 
-    def __init__(self, message: str, hint: str = "") -> None:
+    def __init__(self, message: str, hint: str = "", code: str = "bad_model") -> None:
         super().__init__(f"{message}. {hint}" if hint else message)
         self.message = message
         self.hint = hint
+        self.code = code
 
 
 def nearest(word: str, choices: list[str]) -> str:

@@ -17,7 +17,7 @@ from model.compiled import inlined, kernel, kernel_of_sums
 from model.current import density_per_v
 from model.dielectrics import EPS0, Array, ComplexArray
 from model.gap_table import LOG_U_AXIS, gap_nodes, lookup, mass_at
-from model.pressure import edge_of_cap
+from model.pressure import edge_of_cap, jump_of_slope
 
 KNOT_STEP = 0.3  # by how much of itself the stack may change from one knot to the next
 STRAIGHT = 1e-5  # of a curve: what a line through 2 knots may miss, or a parabola through 3, by the stack's change
@@ -65,8 +65,8 @@ class Family(NamedTuple):
 class GapSums(NamedTuple):
     """Sums over gaps behind a cap, per knot and pressure: P(u) du and what is summed of it over all smaller gaps.
 
-    `mass`, `mass_below` [j, u]; `per_whole` [k, j]: 1/K^, 0 where nothing is summed yet; `reach` [k, j]: the first gap
-    beyond the cap at the last voltage; `square_distance`, `lost` [k, j, u]: |u + z|^2, and K^ of all smaller gaps.
+    `mass`, `mass_below` [j, u]; `per_whole` [k, j]: 1/K^, 0 where nothing is summed yet; `reach`, `lost` [k, j]: the
+    first gap beyond the cap at the last voltage, and K^ of all smaller gaps; `step` [c, k, j]: see `FROM`.
     """
 
     gap: Array
@@ -74,8 +74,14 @@ class GapSums(NamedTuple):
     mass_below: Array
     per_whole: Array
     reach: Integers
-    square_distance: Array
     lost: Array
+    step: Array
+
+
+# Rows of `GapSums.step`, the step between two gaps in which the cap ended last. It holds between two squared drives
+# (peak voltage over the cap)^2 c in m^2, and leaves LEFT + (HELD + edge/c)/c of the gain, the edge being that of
+# `edge_of_cap` from BELOW to ABOVE at the share (c - FROM) PER_SPAN of the step.
+FROM, UNTIL, PER_SPAN, LEFT, HELD, BELOW, ABOVE = range(7)
 
 
 def make_family(knots: int, pressures: int) -> Family:
@@ -90,8 +96,15 @@ def make_gap_sums(table_mass: Array, p_hat: Array, knots: int) -> GapSums:
     """The distribution of gaps at each pressure, and nothing summed yet."""
     mass, below = masses(table_mass, p_hat)
     shape = knots, p_hat.size
-    sums = np.empty((2, *shape, mass.shape[1]))
-    return GapSums(gap_nodes(), mass, below, np.zeros(shape), np.zeros(shape, dtype=np.int64), *sums)
+    return GapSums(
+        gap_nodes(),
+        mass,
+        below,
+        np.zeros(shape),
+        np.zeros(shape, dtype=np.int64),
+        np.zeros(shape),
+        np.zeros((7, *shape)),
+    )
 
 
 @kernel
@@ -157,9 +170,8 @@ def choose_knots(place: Array) -> tuple[Integers, Integers]:
         intervals = 1
         while intervals < KNOTS_AROUND - 1 and (whole / intervals) ** (intervals + 1) > STRAIGHT:
             intervals += 1
-        step = (
-            1.1 * whole / max(intervals, math.ceil(whole / KNOT_STEP))
-        )  # knots lie on voltages, short of their places
+        # a tenth more, for knots lie on voltages, short of their places
+        step = 1.1 * whole / max(intervals, math.ceil(whole / KNOT_STEP))
         v = 0
         while whole > 0.0 and v < end:
             before = place[i, v]
@@ -220,12 +232,12 @@ def straighten(gains: Array, knots: int, low: int, high: int, straight: Array) -
 
 @inlined
 def blend(
-    place: Array, knots: Integers, count: int, i: int, v: int, low: int, high: int, straight: Array, admittance: Array,
+    place: Array, knots: Integers, count: int, v: int, low: int, high: int, straight: Array, admittance: Array,
     gain: Array, current: Array,
 ) -> None:  # fmt: skip
     """Gain and admittance at the voltage `v`, from node `low` to `high`, by a cubic through the knots around it."""
     before = 0
-    while before < count - 2 and knots[i, before + 1] <= v:
+    while before < count - 2 and knots[before + 1] <= v:
         before += 1
     start = max(min(before - 1, count - KNOTS_AROUND), 0)
     end = min(start + KNOTS_AROUND, count)
@@ -235,8 +247,8 @@ def blend(
         weight = 1.0
         for other in range(start, end):
             if other != k:
-                there = place[i, knots[i, other]]
-                weight *= (place[i, v] - there) / (place[i, knots[i, k]] - there)
+                there = place[knots[other]]
+                weight *= (place[v] - there) / (place[knots[k]] - there)
         for j in range(low, high + 1):
             gain[j] += weight * straight[k, j]
         for j in range(low, high + 1):
@@ -246,12 +258,18 @@ def blend(
 
 
 @kernel
-def cap_is_met_from(z: ComplexArray, openness: Array, count: int, first: int, last: int) -> float:
-    """(Peak voltage over the cap)^2, m^2, from which on the cap is met in the smallest gap under some pressure."""
+def start_caps(
+    z: ComplexArray, openness: Array, count: int, first: int, last: int, per_whole: Array, step: Array
+) -> float:
+    """Nothing summed and no cap met yet; returns the squared drive, m^2, from which one is under some pressure."""
+    per_whole[:] = 0.0
+    step[:] = 0.0
     least = np.inf
     for k in range(count):
         for j in range(first, last + 1):
-            least = min(least, openness[k, j] * (z[k, j].real ** 2 + z[k, j].imag ** 2))
+            step[LEFT, k, j] = 1.0
+            step[UNTIL, k, j] = openness[k, j] * (z[k, j].real ** 2 + z[k, j].imag ** 2)
+            least = min(least, step[UNTIL, k, j])
     return least
 
 
@@ -264,50 +282,53 @@ def first_gap(z_hat: complex) -> int:
 @inlined
 def cap_gains(
     gain: Array, z: ComplexArray, openness: Array, mass: Array, mass_below: Array, gap: Array, per_whole: Array,
-    reach: Integers, square_distance: Array, lost: Array, k: int, start: int, crest_square: float, low: int, high: int,
+    reach: Integers, lost: Array, step: Array, k: int, start: int, crest_square: float, low: int, high: int,
     capped: Array,
 ) -> None:  # fmt: skip
     """Gains of knot `k` from node `low` to `high` that are left where the local field stops at the cap.
 
     `crest_square`: (peak voltage over the cap)^2, m^2. The integral over gaps is that of `pressure.py` from the gap
-    `start` on, with its sums made beforehand, and only where the cap is met.
+    `start` on, with the sums carried from one voltage to the next, and only where the cap is met.
     """
+    for j in range(low, high + 1):
+        if step[FROM, k, j] <= crest_square <= step[UNTIL, k, j]:
+            continue
+        x, y_square, wide = z[k, j].real, z[k, j].imag ** 2, openness[k, j]
+        if per_whole[k, j] == 0.0:
+            per_whole[k, j] = 1.0 / _sum_gaps(gap, mass, j, x, y_square, start)
+            reach[k, j], lost[k, j] = start, 0.0
+        closest_square = crest_square / wide
+        r = reach[k, j]
+        below, above = (gap[r - 1] + x) ** 2 + y_square, (gap[r] + x) ** 2 + y_square
+        while r < gap.size - 1 and above < closest_square:
+            lost[k, j] += mass[j, r] / above
+            r += 1  # the last gap of all, which no contact has, need not be reached
+            below, above = above, (gap[r] + x) ** 2 + y_square
+        while r > start and below >= closest_square:
+            r -= 1
+            lost[k, j] -= mass[j, r] / below
+            below, above = (gap[r - 1] + x) ** 2 + y_square, below
+        reach[k, j] = r
+        step[FROM, k, j], step[UNTIL, k, j] = 0.0, wide * above if r < gap.size - 1 else np.inf
+        step[PER_SPAN, k, j] = step[HELD, k, j] = step[BELOW, k, j] = step[ABOVE, k, j] = 0.0
+        step[LEFT, k, j] = 1.0
+        if r > start:
+            share = per_whole[k, j] * wide
+            step[FROM, k, j], step[PER_SPAN, k, j] = wide * below, 1.0 / (wide * (above - below))
+            step[LEFT, k, j], step[HELD, k, j] = 1.0 - lost[k, j] * per_whole[k, j], mass_below[j, r] * share
+            step[BELOW, k, j] = share * wide * jump_of_slope(gap[r - 1], mass[j, r - 1], x)
+            step[ABOVE, k, j] = share * wide * jump_of_slope(gap[r], mass[j, r], x)
     per_crest = 1.0 / crest_square if crest_square > 0.0 else 0.0
     for j in range(low, high + 1):
-        capped[k, j] = gain[k, j]
-        closest_square = crest_square / openness[k, j]
-        if closest_square <= z[k, j].real ** 2 + z[k, j].imag ** 2:
-            continue
-        if per_whole[k, j] == 0.0:
-            reach[k, j] = start
-            per_whole[k, j] = 1.0 / _sum_gaps(gap, mass[j], z[k, j], square_distance[k, j], lost[k, j], start)
-        r = reach[k, j]
-        while r < gap.size - 1 and square_distance[k, j, r] < closest_square:
-            r += 1  # the last gap of all, which no contact has, need not be reached
-        while r > start and square_distance[k, j, r - 1] >= closest_square:
-            r -= 1
-        reach[k, j] = r
-        if r > start:
-            per_closest = openness[k, j] * per_crest
-            edge = edge_of_cap(
-                gap[r - 1], gap[r], mass[j, r - 1], mass[j, r], z[k, j].real, closest_square, per_closest,
-                square_distance[k, j, r - 1], square_distance[k, j, r],
-            )  # fmt: skip
-            kept = (mass_below[j, r] + edge) * per_closest - lost[k, j, r]
-            capped[k, j] *= 1.0 + kept * per_whole[k, j]
+        t = (crest_square - step[FROM, k, j]) * step[PER_SPAN, k, j]
+        edge = edge_of_cap(t, step[BELOW, k, j], step[ABOVE, k, j])
+        capped[k, j] = gain[k, j] * (step[LEFT, k, j] + (step[HELD, k, j] + edge * per_crest) * per_crest)
 
 
 @kernel_of_sums
-def _sum_gaps(gap: Array, mass: Array, z_hat: complex, square_distance: Array, lost: Array, start: int) -> float:
-    """K^ of one pressure and stack, with what of it lies at smaller gaps than each, from the gap `start` on."""
+def _sum_gaps(gap: Array, mass: Array, j: int, x: float, y_square: float, start: int) -> float:
+    """K^ of one pressure and stack, z = x + iy, from the gap `start` on."""
     whole = 0.0
     for m in range(start, gap.size):
-        square_distance[m] = (gap[m] + z_hat.real) ** 2 + z_hat.imag**2
-        lost[m] = mass[m] / square_distance[m]
-        whole += lost[m]
-    below = 0.0
-    for m in range(start, gap.size):
-        share = lost[m]
-        lost[m] = below
-        below += share
+        whole += mass[j, m] / ((gap[m] + x) ** 2 + y_square)
     return whole

@@ -26,13 +26,13 @@ from model.gain_curves import (
     Stack,
     blend,
     cap_gains,
-    cap_is_met_from,
     choose_knots,
     copy_curve,
     fill_family,
     first_gap,
     make_family,
     make_gap_sums,
+    start_caps,
     straighten,
     travel,
 )
@@ -85,114 +85,124 @@ def solve_grid(table: GapTable, touch: PreparedTouch, load_pa: Array) -> GridSol
     has_cap, most_knots = bool(np.isfinite(limit).any()), int(counts.max())
     shape = (*touch.shape, load_pa.size)
     (pressure, admittance), pulled_in = np.empty((2, *shape)), np.zeros(shape, dtype=np.bool_)
+    q_node = np.sqrt(nodes.p)
     _solve_grid(
         stacks, nodes, make_family(most_knots, p_hat.size),
-        make_gap_sums(table.mass, p_hat if has_cap else p_hat[:0], most_knots), place, knots, counts, np.sqrt(nodes.p),
-        _to_series(nodes.p), square, square.max(axis=1), crest * np.abs(square) / limit**2, added, least, most, has_cap,
-        load_pa, pressure, admittance, pulled_in,
+        make_gap_sums(table.mass, p_hat if has_cap else p_hat[:0], most_knots), place, knots, counts, q_node,
+        1.0 / np.diff(q_node), _to_series(q_node), square, square.max(axis=1), crest * np.abs(square) / limit**2,
+        added, least, most, has_cap, load_pa, pressure, admittance, pulled_in,
     )  # fmt: skip
     return GridSolution(pressure, admittance, pulled_in)
 
 
-def _to_series(p_node: Array) -> Spacing:
+def _to_series(q_node: Array) -> Spacing:
     """How the values at five nodes make a power series from the first, the distance to the second being 1.
 
     The same around every node, for they lie evenly in the logarithm.
     """
-    q = np.sqrt(p_node[:5])
+    q = q_node[:5]
     rows = np.linalg.inv(np.vander((q - q[0]) / (q[1] - q[0]), increasing=True))
     return tuple(rows[1:].ravel().tolist())
 
 
 @kernel
-def _solve_grid(  # noqa: PLR0912, PLR0915 (one visible algorithm)
+def _solve_grid(
     stacks: Stack, nodes: Nodes, family: Family, sums: GapSums, place: Array, knots: Integers, counts: Integers,
-    q_node: Array, spacing: Spacing, square: Array, most_square: Array, crest_square: Array, added: Array, least: Array,
-    most: Array, has_cap: bool, load: Array, pressure: Array, admittance: Array, pulled_in: NDArray[np.bool_],
+    q_node: Array, per_q: Array, spacing: Spacing, square: Array, most_square: Array, crest_square: Array, added: Array,
+    least: Array, most: Array, has_cap: bool, load: Array, pressure: Array, admittance: Array,
+    pulled_in: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Per frequency: the curves, then <V^2>(p_e) = <V^2> inverted by Newton's method within the rising part.
+    """Per frequency: its curves, then every voltage and load on them.
 
     `crest_square` [f, v]: (peak voltage over the field's cap)^2, m^2; `least` and `most` [f] of the pressure `added`.
     """
-    gain, current, per_q = np.empty(q_node.size), np.empty(q_node.size), np.empty(q_node.size)
-    for j in range(q_node.size - 1):
-        per_q[j] = 1.0 / (q_node[j + 1] - q_node[j])
-    end, end_gain, answer = np.empty(load.size), np.empty(load.size), np.empty((load.size, 7))
-    gains, admittances, straight, capped, lengths, openness = family  # numba counts references whenever a record's
-    gap, mass, mass_below, per_whole, reach, square_distance, lost = sums  # array is named: so not in the loops
-    p_low, p_high = q_node[0] ** 2, q_node[-1] ** 2
     for i in range(square.shape[0]):
-        count = counts[i]
         first = _node_below(q_node, math.sqrt(load[0] + least[i]))
-        last = fill_family(stacks, i, knots, count, nodes, first, most_square[i], load[-1] + most[i], family)
+        last = fill_family(stacks, i, knots, counts[i], nodes, first, most_square[i], load[-1] + most[i], family)
         met, start = np.inf, 0
         if has_cap:
-            per_whole[:] = 0.0
-            met = cap_is_met_from(lengths, openness, count, first, last)
-            start = first_gap(lengths[0, last])  # the shortest: pressure widens the leak
-        steady, was_capped = count == 1 and not has_cap, False
-        for n in range(load.size):
-            answer[n, 0] = -1.0
-        for v in range(square.shape[1]):
-            is_capped = has_cap and (crest_square[i, v] > met or count > 1)
-            low, high, fresh = first, last, v > 0 and count == 1 and not is_capped and not was_capped
-            was_capped = is_capped
-            if not fresh and (is_capped or count > 1):
-                low, high = _needed(answer, first, last)
-            n, alone = 0, -1
-            while n < load.size:
-                if not fresh:
-                    if is_capped:
-                        for k in range(count):
-                            cap_gains(
-                                gains, lengths, openness, mass, mass_below, gap, per_whole, reach, square_distance,
-                                lost, k, start, crest_square[i, v], low, high, capped,
-                            )  # fmt: skip
-                        if count > 1:
-                            straighten(capped, count, low, high, straight)
+            met = start_caps(family.z, family.openness, counts[i], first, last, sums.per_whole, sums.step)
+            start = first_gap(family.z[0, last])  # the shortest: pressure widens the leak
+        _solve_frequency(
+            family, sums, place[i], knots[i], counts[i], q_node, per_q, spacing, first, last, square[i],
+            crest_square[i], added[i], least[i], has_cap, met, start, load, pressure[i], admittance[i], pulled_in[i],
+        )  # fmt: skip
+
+
+@kernel
+def _solve_frequency(  # noqa: PLR0912, PLR0915 (one visible algorithm)
+    family: Family, sums: GapSums, place: Array, knots: Integers, count: int, q_node: Array, per_q: Array,
+    spacing: Spacing, first: int, last: int, square: Array, crest_square: Array, added: Array, least: float,
+    has_cap: bool, met: float, start: int, load: Array, pressure: Array, admittance: Array,
+    pulled_in: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """<V^2>(p_e) = <V^2> at one frequency, inverted by Newton's method within the rising part.
+
+    The cap is met where `crest_square` [v] is above `met`, in gaps from number `start` on.
+    """
+    gain, current = np.empty(q_node.size), np.empty(q_node.size)
+    end, end_gain, answer = np.empty(load.size), np.empty(load.size), np.empty((load.size, 7))
+    gains, admittances, straight, capped, lengths, openness = family  # numba counts references whenever a record's
+    gap, mass, mass_below, per_whole, reach, lost, step = sums  # array is named: so not in the loops
+    p_low, p_high = q_node[0] ** 2, q_node[-1] ** 2
+    steady, was_capped = count == 1 and not has_cap, False
+    answer[:, 0] = -1.0
+    if count == 1:
+        copy_curve(admittances, first, last, current)
+    for v in range(square.size):
+        is_capped = has_cap and (crest_square[v] > met or count > 1)
+        low, high, fresh = first, last, v > 0 and count == 1 and not is_capped and not was_capped
+        was_capped = is_capped
+        if not fresh and (is_capped or count > 1):
+            low, high = _needed(answer, first, last)
+        n, alone = 0, -1
+        while n < load.size:
+            if not fresh:
+                if is_capped:
+                    for k in range(count):
+                        cap_gains(
+                            gains, lengths, openness, mass, mass_below, gap, per_whole, reach, lost, step, k, start,
+                            crest_square[v], low, high, capped,
+                        )  # fmt: skip
                     if count > 1:
-                        blend(place, knots, count, i, v, low, high, straight, admittances, gain, current)
-                    else:
-                        copy_curve(capped if is_capped else gains, low, high, gain)
-                        copy_curve(admittances, low, high, current)
-                    fresh = True
-                base, before = load[n] + added[i, v], answer[n, 0]
-                if alone != n:
-                    pressure[i, v, n] = admittance[i, v, n] = np.nan
-                if not p_low <= base < p_high:
+                        straighten(capped, count, low, high, straight)
+                if count > 1:
+                    blend(place, knots, count, v, low, high, straight, admittances, gain, current)
+                else:
+                    copy_curve(capped if is_capped else gains, low, high, gain)
+                fresh = True
+            base, before = load[n] + added[v], answer[n, 0]
+            if alone != n:
+                pressure[v, n] = admittance[v, n] = np.nan
+            if not p_low <= base < p_high:
+                n += 1
+                continue
+            q_low = math.sqrt(base)
+            follows = not steady and before > 0.0 and alone != n
+            if follows:  # the curve has moved: an answer near the last one is on its branch
+                q_low, q_high, steps = max(before * (1.0 / LEAP), q_low), min(before * LEAP, q_node[last]), FEW_STEPS
+            else:
+                if steady and v == 0:  # where the least pressure added does not fold, no greater one does
+                    end[n], end_gain[n] = _fold(gain, q_node, per_q, spacing, first, last, load[n] + least)
+                q_high, gain_there, steps = end[n], end_gain[n], MAX_ITERATIONS
+                if not steady or (q_high < q_node[last] and added[v] > least):
+                    q_high, gain_there = _fold(gain, q_node, per_q, spacing, first, last, base)
+                if square[v] * gain_there > q_high * q_high - base:
+                    pulled_in[v, n] = q_high < q_node[last]
+                    answer[n, 0] = -1.0
                     n += 1
                     continue
-                q_low = math.sqrt(base)
-                follows = not steady and before > 0.0 and alone != n
-                if follows:  # the curve has moved: an answer near the last one is on its branch
-                    q_low, q_high, steps = (
-                        max(before * (1.0 / LEAP), q_low),
-                        min(before * LEAP, q_node[last]),
-                        FEW_STEPS,
-                    )
-                else:
-                    if steady and v == 0:  # where the least pressure added does not fold, no greater one does
-                        end[n], end_gain[n] = _fold(gain, q_node, per_q, spacing, first, last, load[n] + least[i])
-                    q_high, gain_there, steps = end[n], end_gain[n], MAX_ITERATIONS
-                    if not steady or (q_high < q_node[last] and added[i, v] > least[i]):
-                        q_high, gain_there = _fold(gain, q_node, per_q, spacing, first, last, base)
-                    if square[i, v] * gain_there > q_high * q_high - base:
-                        pulled_in[i, v, n] = q_high < q_node[last]
-                        answer[n, 0] = -1.0
-                        n += 1
-                        continue
-                found = _search(
-                    gain, q_node, per_q, spacing, first, last, low, high, base, square[i, v], q_low, q_high, steps,
-                    answer, n,
-                )  # fmt: skip
-                if follows and not found:  # once more, below the fold of the whole curve
-                    alone, fresh = n, low == first and high == last
-                    low, high = first, last
-                    continue
-                pressure[i, v, n] = square[i, v] * answer[n, 3]
-                j = _stencil(int(answer[n, 6]), first, last)
-                admittance[i, v, n] = _at(_series(spacing, current, j), (answer[n, 0] - q_node[j]) * per_q[j])[0]
-                n += 1
+            found = _search(
+                gain, q_node, per_q, spacing, first, last, low, high, base, square[v], q_low, q_high, steps, answer, n
+            )
+            if follows and not found:  # once more, below the fold of the whole curve
+                alone, fresh = n, low == first and high == last
+                low, high = first, last
+                continue
+            pressure[v, n] = square[v] * answer[n, 3]
+            j = _stencil(int(answer[n, 6]), first, last)
+            admittance[v, n] = _at(_series(spacing, current, j), (answer[n, 0] - q_node[j]) * per_q[j])[0]
+            n += 1
 
 
 @kernel

@@ -86,26 +86,26 @@ def _kept_share(mass: Array, u: Array, p_hat: float, z_hat: complex, closest: fl
     if 0 < reach < u.size:
         i = reach
         below, above = (u[i - 1] + z_hat.real) ** 2 + z_hat.imag**2, (u[i] + z_hat.real) ** 2 + z_hat.imag**2
-        per_closest = 1.0 / closest_square
-        kept += per_closest * edge_of_cap(
-            u[i - 1], u[i], at_p[i - 1], at_p[i], z_hat.real, closest_square, per_closest, below, above
-        )
+        t = (closest_square - below) / (above - below)
+        jumps = jump_of_slope(u[i - 1], at_p[i - 1], z_hat.real), jump_of_slope(u[i], at_p[i], z_hat.real)
+        kept += edge_of_cap(t, jumps[0], jumps[1]) / (closest_square * closest_square)
     return kept / whole
 
 
 @kernel
-def edge_of_cap(
-    u: float, u_next: float, mass: float, mass_next: float, z_real: float, closest_square: float,
-    per_closest: float, below: float, above: float,
-) -> float:  # fmt: skip
-    """What the trapezoid rule in log u misses of the kink where the cap ends, times `closest_square`, 1/`per_closest`.
+def edge_of_cap(t: float, jump_below: float, jump_above: float) -> float:
+    """What the trapezoid rule in log u misses of the kink where the cap ends, times |u + z|^4 there.
 
     Euler-Maclaurin: h^2/2 B2(t) times the jump of the slope, t being the kink's place in its step h, between two
-    neighbouring gaps with |u + z|^2 of `below` and `above`. Without it the force is uneven by 1e-4 from gap to gap.
+    neighbouring gaps with the given `jump_of_slope`. Without it the force is uneven by 1e-4 from gap to gap.
     """
-    t = (closest_square - below) / (above - below)
-    weighed = (1.0 - t) * mass * u * (u + z_real) + t * mass_next * u_next * (u_next + z_real)
-    return -LOG_U_AXIS[2] * (t * (t - 1.0) + 1.0 / 6.0) * weighed * per_closest
+    return -(t * (t - 1.0) + 1.0 / 6.0) * (jump_below + t * (jump_above - jump_below))
+
+
+@kernel
+def jump_of_slope(u: float, mass: float, z_real: float) -> float:
+    """What `edge_of_cap` takes of the gap `u` with P(u) du = `mass`."""
+    return LOG_U_AXIS[2] * mass * u * (u + z_real)
 
 
 @kernel

@@ -81,6 +81,8 @@ def _log_force(description: ModelDescription, names: Sequence[str], conditions: 
         p_e = pressure.solve(table, touch.circuit).reshape(touch.shape)
         if not np.isfinite(p_e).all():
             raise ModelError("the contact pulls in for some of the drawn numbers", "Give a lower voltage")
+        if not (p_e > 0.0).all():
+            raise ModelError("nothing attracts the finger under some condition", "Give a voltage above 0")
         return np.asarray(np.log(p_e * p.contact_area_m2))
 
     def log_force(x: Array) -> Array:

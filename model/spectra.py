@@ -80,10 +80,7 @@ def _tones(amplitude_v: dict[float, float]) -> Tones:
 
 @dataclass(frozen=True)
 class ForceSpectrum:
-    """Lines of the electrostatic force: the real part of sum F_m exp(j 2 pi f_m t), `force_n` complex [m], 0 Hz first.
-
-    `cof` is friction at the mean force.
-    """
+    """Lines [m] of the electrostatic force: the real part of sum F_m exp(j 2 pi f_m t), F_m `force_n`; 0 Hz first."""
 
     frequency_hz: Array
     force_n: ComplexArray
@@ -102,10 +99,7 @@ def force_spectrum(
     Effects that know a drive only by one mean square are refused (`ONE_TONE_ONLY`).
     """
     _, circuit = _one_touch(model, tones, normal_force_n, speed_m_s)
-    p_e = pressure.solve(model.table, circuit)
-    if not np.isfinite(p_e).all():
-        raise ModelError("the contact pulls in under this drive", "Give a lower voltage")
-    field, mass = _field_per_v(model, circuit, p_e + circuit.load_pa + circuit.added_pa)
+    field, mass = _field_per_v(model, circuit, _total_pressure_pa(model, circuit))
     left = np.sqrt(circuit.mean_square_v2[0] / np.where(tones.mean_square_v2 > 0.0, tones.mean_square_v2, 1.0))
     field = field * (tones.amplitude_v * left)[:, None]  # `left`: of each amplitude, by effects on the drive
     f = tones.frequency_hz
@@ -152,12 +146,19 @@ def impedance(model: TouchModel, frequency_hz: Array, normal_force_n: float, stu
 def current_spectrum(model: TouchModel, tones: Tones, normal_force_n: float) -> ComplexArray:
     """Finger current of each tone [k] in A, amplitude and phase, while it slides under the force of all of them."""
     touch, circuit = _one_touch(model, tones, normal_force_n, SPEED_REFERENCE_M_S)
+    admittance = _admittance(model, circuit, _total_pressure_pa(model, circuit))
+    area = model.description.values.contact_area_m2
+    set_rms_v = np.sqrt(tones.mean_square_v2)
+    left = touch.rms_v[:, 0] / np.where(set_rms_v > 0.0, set_rms_v, 1.0)  # of each amplitude, by effects on the drive
+    return np.asarray(area * 1j * touch.omega[:, 0] * EPS0 * admittance * tones.amplitude_v * left)
+
+
+def _total_pressure_pa(model: TouchModel, circuit: GapCircuit) -> Array:
+    """Pressure [1] at the equilibrium under all tones; ModelError where the contact pulls in."""
     p_e = pressure.solve(model.table, circuit)
     if not np.isfinite(p_e).all():
         raise ModelError("the contact pulls in under this drive", "Give a lower voltage")
-    admittance = _admittance(model, circuit, p_e + circuit.load_pa + circuit.added_pa)
-    area = model.description.values.contact_area_m2
-    return np.asarray(area * 1j * touch.omega[:, 0] * EPS0 * admittance * tones.amplitude_v)
+    return np.asarray(p_e + circuit.load_pa + circuit.added_pa)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.config import load_model
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import not_written
-from model.errors import ModelError
+from model.errors import ModelError, nearest
 
 if TYPE_CHECKING:
     from model.calibration import Calibration
@@ -39,6 +39,7 @@ def calibrate(
     from model.diagnosis.data import read_measurements  # noqa: PLC0415
 
     description = load_model(model)
+    _check(also or [], out)
     try:
         measurements = read_measurements(data)
         with status("fitting"):
@@ -52,6 +53,21 @@ def calibrate(
     picture = out.with_suffix(".png")
     draw_calibration(found, picture)
     report(as_json, _payload(found, out, picture), lambda: _show(found, out, picture))
+
+
+def _check(also: list[str], out: Path) -> None:
+    """What can be known to be wrong before the data are read and fitted."""
+    from model.calibration import OPTIONAL  # noqa: PLC0415
+    from model.diagnosis.space import FINGER  # noqa: PLC0415
+
+    always = [n.name for n in FINGER]
+    names = always + [n.name for n in OPTIONAL]
+    for name in also:
+        if name not in names:
+            hint = f"{nearest(name, names)}; fitted in any case: {', '.join(always)}"
+            raise BadInputError("bad_parameter", f"--also {name}: there is no such parameter", hint)
+    if out.suffix != ".toml":  # or no command would find the model
+        raise BadInputError("bad_ending", f"{out}: is no name of a model file", "Give a name that ends in .toml")
 
 
 def _payload(found: Calibration, out: Path, picture: Path) -> dict[str, Any]:

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from haptic_driver.daemon.records import Status
 
 POLL_S = 0.1
-HIGHEST_COF = 10.0  # that the daemon takes
 
 
 def arm(
@@ -73,6 +72,8 @@ def set_target(
 
     Example: `haptic set 0.6`
     """
+    from haptic_driver.daemon.records import HIGHEST_COF  # noqa: PLC0415  (pydantic is slow to import)
+
     if not 0.0 < cof <= HIGHEST_COF:
         raise BadInputError(
             "out_of_range", f"friction {cof:g} is out of range",

@@ -10,23 +10,25 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.table import Table
+from rich.text import Text
 
-from haptic_driver.cli.output import Json, ModelOption, RigOption, names_of, progress, report, stdout
+from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, names_of, progress, report, stdout
 from haptic_driver.config import load_model, load_rig, texture_dirs
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import not_written
 from haptic_driver.simulated_rig import SimulatedRig
 from haptic_driver.slides import WITHIN, Score, Slide, SlideRecord, read_slide, render_slide, score, synthetic_slide
 from haptic_driver.stages import tick_settings
 from haptic_driver.surface_builder import build_surface
-from haptic_driver.surface_file import read_surface
+from haptic_driver.surface_file import SurfaceFile, read_surface
 from haptic_driver.textures.library import load_texture
+from model.description import ModelDescription
 from model.touch_model import TouchModel
 
 TARGET_BINS = 6
 
 
 def demo(
+    context: typer.Context,
     trace: Annotated[Path | None, typer.Option("--trace", help="CSV: time_s, position_m, normal_force_n.")] = None,
     texture: Annotated[
         str,
@@ -36,7 +38,7 @@ def demo(
     ] = "grating",
     out: Annotated[Path, typer.Option("--out", help="Folder for the picture.")] = Path("out/demo"),
     model: ModelOption = "reference",
-    surface: Annotated[Path | None, typer.Option("--surface", help="Surface file instead of building one.")] = None,
+    surface: Annotated[Path | None, typer.Option("--surface", help="Surface file of that model.")] = None,
     rig: RigOption = "simulated",
     feedback: Annotated[
         bool,
@@ -47,7 +49,8 @@ def demo(
     """Slide a finger over a texture on a simulated rig and compare friction with its target.
 
     Every command goes as bytes over TCP to a simulated generator; friction is read back through a simulated force
-    sensor. Without `--trace` the finger makes two strokes of its own.
+    sensor. Without `--trace` the finger makes two strokes of its own. The finger follows `--model`, the one that the
+    surface is built from, unless the rig's file names another.
 
     Example: `haptic demo --texture grating --out out/demo`
     """
@@ -57,8 +60,12 @@ def demo(
     description = load_model(model)
     slide = read_slide(trace) if trace is not None else synthetic_slide()
     wanted = load_texture(texture, texture_dirs())
-    limits = config.operating_limits()
-    file = read_surface(surface) if surface is not None else build_surface(description, limits)
+    if surface is None:
+        file = build_surface(description, config.operating_limits())
+    else:
+        file = read_surface(surface)
+        if config.simulation.model is None or _given(context, "model"):
+            _require_same_model(surface, file, description)
     settings = tick_settings(config, file, wanted, feedback_latency_s=config.output.latency_s if feedback else None)
     finger = description if config.simulation.model is None else load_model(config.simulation.model)
     with SimulatedRig(config, TouchModel(finger)) as bench, progress("sliding", slide.time_s.size) as advance:
@@ -69,24 +76,38 @@ def demo(
     report(as_json, payload, lambda: _show(record, result, slide, texture, picture))
 
 
+def _given(context: typer.Context, name: str) -> bool:
+    """Whether an option stands on the command line."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
+def _require_same_model(path: Path, file: SurfaceFile, description: ModelDescription) -> None:
+    """A finger of another model than the surface's would be off target for a reason that nothing shows."""
+    if file.provenance.get("model_hash") != description.content_hash:
+        built_from, name = file.provenance["model"]["name"], description.name
+        said = f"'{built_from}'" + (" as it was then" if built_from == name else "")
+        raise BadInputError(
+            "other_model", f"{path} was built from model {said}, which is not model '{name}'",
+            "Give the surface's model as --model, or build the surface anew: haptic surface build. For a finger that "
+            "differs on purpose, name its model in the rig's file: [simulation] model",
+        )  # fmt: skip
+
+
 def _draw(record: SlideRecord, texture: str, out: Path) -> Path:
     from haptic_driver.pictures import draw_slide  # noqa: PLC0415  (matplotlib is slow to import)
 
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        path = out / "friction.png"
-        draw_slide(record, f"{texture} under the {record.slide.name}", path)
-    except OSError as error:
-        raise not_written(out, error) from error
+    path = out / "friction.png"
+    draw_slide(record, f"{texture} under the {record.slide.name}", path)
     return path
 
 
 def _show(record: SlideRecord, result: Score, slide: Slide, texture: str, picture: Path) -> None:
-    stdout.print(f"texture {texture}, {slide.name}, on a [bold]simulated[/] rig")
+    stdout.print(Text.assemble(f"texture {texture}, {slide.name}, on a ", SIMULATED, " rig"))
     stdout.print(_table(record))
     share = result.share_within_5_percent
-    judged = "nothing to judge: no" if math.isnan(share) else f"[bold]{share:.1%}[/] of"
-    stdout.print(f"within 5 % of target: {judged} sliding contact time with a reachable target")
+    judged = "nothing to judge: no" if math.isnan(share) else Text.assemble((f"{share:.1%}", "bold"), " of")
+    stdout.print(Text.assemble("within 5 % of target: ", judged, " sliding contact time with a reachable target"))
     stdout.print(
         f"contact {result.contact_time_s:.2f} s, of which sliding {result.sliding_time_s:.2f} s; "
         f"target reachable {result.reachable_share:.1%}; friction error {result.cof_error_rms:.4f} rms"

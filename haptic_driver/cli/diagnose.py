@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.table import Table
+from rich.text import Text
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.config import load_model
@@ -50,9 +51,8 @@ def diagnose(
 
 
 def _show(found: dict[str, Any], out: Path) -> None:
-    stdout.print(
-        f"verdict: [bold]{found['verdict']}[/]" + ("" if found["adequate"] else " (the model is not adequate yet)")
-    )
+    still = "" if found["adequate"] else " (the model is not adequate yet)"
+    stdout.print(Text.assemble("verdict: ", (found["verdict"], "bold"), still))
     for effect in found["effects"]:
         values = ", ".join(
             f"{name} = {p['value']:.3g} ± {p['std']:.2g} {p['unit']}" for name, p in effect["parameters"].items()

@@ -7,8 +7,9 @@ from collections import Counter
 from contextlib import ExitStack
 
 from rich.table import Table
+from rich.text import Text
 
-from haptic_driver.cli.output import Json, RigOption, report, stdout
+from haptic_driver.cli.output import SIMULATED, Json, RigOption, report, stdout
 from haptic_driver.config import RigConfig, load_model, load_rig
 from haptic_driver.doctor import Check, Status, examine
 
@@ -51,9 +52,10 @@ def _served(config: RigConfig, serving: ExitStack) -> RigConfig:
 def _show(config: RigConfig, checks: list[Check]) -> None:
     table = Table("check", "status", "found", box=None, pad_edge=False)
     for check in checks:
-        found = check.message + (f"\n[dim]{check.hint}[/]" if check.hint else "")
-        table.add_row(check.name, f"[{COLOURS[check.status]}]{check.status.value}[/]", found)
-    stdout.print(f"rig {config.name}{', [bold]simulated[/]' if config.simulated else ''}; nothing was energised")
+        found = Text.assemble(check.message, (f"\n{check.hint}" if check.hint else "", "dim"))
+        table.add_row(check.name, Text(check.status.value, COLOURS[check.status]), found)
+    kind = Text.assemble(", ", SIMULATED) if config.simulated else ""
+    stdout.print(Text.assemble(f"rig {config.name}", kind, "; nothing was energised"))
     stdout.print(table)
     counts = Counter(check.status for check in checks)
     stdout.print(", ".join(f"{counts[status]} {status.value}" for status in Status if counts[status]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -14,7 +13,7 @@ import typer
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.config import load_model
-from haptic_driver.files import not_written
+from haptic_driver.files import write_rows
 from model import spectra
 from model.effects import CATALOGUE
 from model.parameters import Parameter
@@ -59,7 +58,7 @@ def explore(
         for name, draw in PARTS.items():
             tell(name)
             picture, table = out / f"{name}.png", out / f"{name}.csv"
-            _write(table, draw(asked, picture))
+            write_rows(table, draw(asked, picture))
             files += [str(picture), str(table)]
 
     def show() -> None:
@@ -170,13 +169,3 @@ PARTS: dict[str, Callable[[_Asked, Path], Rows]] = {
     "friction-load": _friction_over_load,
     "friction-speed": _friction_over_speed,
 }
-
-
-def _write(path: Path, rows: Rows) -> None:
-    try:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
-    except OSError as error:
-        raise not_written(path, error) from error

@@ -132,7 +132,7 @@ def main(arguments: list[str]) -> int:
     except HapticError as error:
         failure = error
     except ModelError as error:
-        failure = BadInputError("bad_model", error.message, error.hint)
+        failure = BadInputError(error.code, error.message, error.hint)
     except DeviceError as error:
         failure = HapticError(error.code, error.message, error.hint)
     except USAGE_ERROR as error:

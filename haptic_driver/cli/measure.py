@@ -10,8 +10,19 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.text import Text
 
-from haptic_driver.cli.output import Json, ModelOption, RigOption, names_of, progress, report, stderr, stdout
+from haptic_driver.cli.output import (
+    SIMULATED,
+    Json,
+    ModelOption,
+    RigOption,
+    names_of,
+    progress,
+    report,
+    stderr,
+    stdout,
+)
 from haptic_driver.config import RigConfig, load_model, load_rig, parse, read_toml
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.bench import SimulatedBench
@@ -161,10 +172,9 @@ def _tell_refused(experiment: Experiment, strict: bool) -> None:
 
 
 def _show(experiment: Experiment, out: Path, off: OffEvidence) -> None:
-    stdout.print(
-        f"{len(experiment.rows)} rows of plan '{experiment.plan.name}' on a [bold]simulated[/] rig -> {out} "
-        f"({experiment.duration_s / 60:.1f} min of simulated time)"
-    )
+    measured = f"{len(experiment.rows)} rows of plan '{experiment.plan.name}' on a "
+    where = f" rig -> {out} ({experiment.duration_s / 60:.1f} min of simulated time)"
+    stdout.print(Text.assemble(measured, SIMULATED, where))
     if experiment.skipped:
         stdout.print(f"{experiment.skipped} rows skipped: outside the rig's limits")
     stdout.print(f"output at the end: {off}")

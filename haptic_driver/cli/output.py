@@ -1,4 +1,8 @@
-"""What every command shares: one JSON object or text on stdout, errors on stderr, progress only on a terminal."""
+"""What every command shares: one JSON object or text on stdout, errors on stderr, progress only on a terminal.
+
+What is printed stands as it is: a path or a hint such as `[force_sensor]` is never taken for markup. Emphasis is a
+`Text`.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
 
 from haptic_driver.errors import HapticError
 
@@ -35,23 +40,26 @@ RigOption = Annotated[
     str, typer.Option("--rig", help="Rig: a name in configs/rigs or a path.", autocompletion=names_of("rigs"))
 ]
 
-stdout = Console(highlight=False, soft_wrap=True)
-stderr = Console(stderr=True, highlight=False, soft_wrap=True)
+SIMULATED = ("simulated", "bold")  # a part of a `Text`
+
+stdout = Console(highlight=False, soft_wrap=True, markup=False, emoji=False)
+stderr = Console(stderr=True, highlight=False, soft_wrap=True, markup=False, emoji=False)
 
 
 def report(as_json: bool, payload: dict[str, Any], show: Callable[[], None]) -> None:
-    """Print `payload` as strict JSON (NaN becomes null), or call `show` for a person."""
+    """Print `payload` as strict JSON (NaN becomes null), or call `show` for a person; out at once, in a pipe too."""
     if as_json:
         sys.stdout.write(json.dumps(_finite(payload), allow_nan=False) + "\n")
     else:
         show()
+    sys.stdout.flush()
 
 
 def report_error(error: HapticError, as_json: bool) -> None:
     """What was wrong, where, and what to do: on stderr, and with `--json` on stdout too."""
-    stderr.print(f"[bold red]error:[/] {_escaped(error.message)}")
+    stderr.print(Text.assemble(("error:", "bold red"), f" {error.message}"))
     if error.hint:
-        stderr.print(f"[bold]hint:[/] {_escaped(error.hint)}")
+        stderr.print(Text.assemble(("hint:", "bold"), f" {error.hint}"))
     if as_json:
         content = {"code": error.code, "message": error.message, "hint": error.hint}
         sys.stdout.write(json.dumps({"error": content}) + "\n")
@@ -59,14 +67,17 @@ def report_error(error: HapticError, as_json: bool) -> None:
 
 @contextmanager
 def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A function to call with the number of steps done; draws on stderr, and only on a terminal."""
+    """A function to call with the number of steps done, in steps of any size; draws on stderr, only on a terminal."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     every = max(total // 200, 1)
     with Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal) as bar:
         task = bar.add_task(what, total=total)
+        shown = 0
 
         def advance(done: int) -> None:
-            if done % every == 0:
+            nonlocal shown
+            if done - shown >= every or done >= total:
+                shown = done
                 bar.update(task, completed=done)
 
         yield advance
@@ -90,7 +101,3 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _escaped(text: str) -> str:
-    return text.replace("[", "\\[")

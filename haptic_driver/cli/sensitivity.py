@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +12,7 @@ from rich.table import Table
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.config import load_model
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import not_written
+from haptic_driver.files import write_rows
 
 FREQUENCIES_HZ = (10.0, 250.0, 1e4)
 
@@ -51,7 +50,7 @@ def sensitivity(
         for c, firsts, totals in zip(found.conditions, found.first, found.total, strict=True)
         for n, first, total in zip(found.names, firsts, totals, strict=True)
     ]
-    _write(table, entries)
+    write_rows(table, entries)
     payload = {
         "picture": str(picture),
         "table": str(table),
@@ -70,13 +69,3 @@ def sensitivity(
         stdout.print(f"picture: {picture}, table: {table}")
 
     report(as_json, payload, show)
-
-
-def _write(path: Path, entries: list[dict[str, str | float]]) -> None:
-    try:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, fieldnames=list(entries[0]))
-            writer.writeheader()
-            writer.writerows(entries)
-    except OSError as error:
-        raise not_written(path, error) from error

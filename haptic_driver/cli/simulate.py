@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import signal
-import sys
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Annotated
 
 import typer
+from rich.text import Text
 
-from haptic_driver.cli.output import Json, ModelOption, RigOption, stdout
+from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, report, stdout
 from haptic_driver.config import RigConfig, load_model, load_rig
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.served_rig import ServedRig
@@ -42,7 +42,7 @@ def simulate(
         raise BadInputError("not_simulated", f"rig {config.name} is not simulated", "Name one that is, e.g. simulated")
     touch = TouchModel(load_model(config.simulation.model or model))
     with _interrupted() as ended, _served(config, touch, port) as served:
-        _tell(served.endpoints, as_json)
+        report(as_json, {"endpoints": served.endpoints}, partial(_show, served.endpoints))
         before_s = time.monotonic()
         while not ended.wait(STEP_S):
             now_s = time.monotonic()
@@ -59,14 +59,10 @@ def _served(config: RigConfig, touch: TouchModel, port: int) -> ServedRig:
         ) from error
 
 
-def _tell(endpoints: dict[str, str], as_json: bool) -> None:
-    if as_json:
-        sys.stdout.write(json.dumps({"endpoints": endpoints}) + "\n")
-    else:
-        for name, where in endpoints.items():
-            stdout.print(f"{name:26} {where}")
-        stdout.print("[bold]simulated[/]; Ctrl-C ends it")
-    sys.stdout.flush()
+def _show(endpoints: dict[str, str]) -> None:
+    for name, where in endpoints.items():
+        stdout.print(f"{name:26} {where}")
+    stdout.print(Text.assemble(SIMULATED, "; Ctrl-C ends it"))
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -12,9 +12,10 @@ import typer
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
 from haptic_driver.config import load_model, load_rig
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.controller import INITIAL, POLICIES, Controller, ControllerSettings, Policy
 from haptic_driver.render.safety import violation
-from haptic_driver.signals import FingerState, TargetFriction
+from haptic_driver.signals import FingerState, OperatingPoint, TargetFriction
 from haptic_driver.surface_builder import build_surface
 from haptic_driver.surface_file import SurfaceFile, cof_interval_at, read_surface, ready_for_lookup
 from model import friction as friction_law
@@ -51,27 +52,11 @@ def solve(
         file = build_surface(load_model(model), limits, with_interval=True)
     low_n, high_n = float(file.normal_force_n[0]), float(file.normal_force_n[-1])
     _check(normal_force, "normal force", low_n, high_n, " N")
-    settings = ControllerSettings(
-        ready_for_lookup(file, limits),
-        policy=chosen,
-        fixed_frequency_hz=fixed_hz if fixed_hz is not None else config.controller.fixed_frequency_hz,
-        lowest_carrier_hz=config.controller.lowest_carrier_hz,
-        hysteresis=config.controller.hysteresis,
-        limits=limits,
-    )
-    controller = Controller(settings)
-    reachable = controller.reachable(normal_force)
-    finger = FingerState(0.0, 0.0, 0.0, 0.0, 0.0, normal_force, True)
-    _, point = controller.step(INITIAL, TargetFriction(friction, True), finger)
-    if not point.reachable:
-        raise BadInputError(
-            "unreachable",
-            f"friction {friction:g} cannot be reached at {normal_force:g} N by policy {chosen}",
-            f"Reachable: {reachable[0]:.4g} to {reachable[1]:.4g}",
-        )
-    refused = violation(limits, point)
-    if refused is not None:
-        raise HapticError("refused", f"the safety gate refuses the point found: {refused}", "Check the rig's limits")
+    own = config.controller.model_dump() | {"policy": chosen}
+    if fixed_hz is not None:
+        own["fixed_frequency_hz"] = fixed_hz
+    controller = Controller(ControllerSettings(ready_for_lookup(file, limits), limits, **own))
+    point = _point(controller, limits, friction, normal_force)
     interval = cof_interval_at(file, point.frequency_hz, point.voltage_v, normal_force)
     payload = {
         "frequency_hz": point.frequency_hz,
@@ -80,22 +65,42 @@ def solve(
         "electrostatic_force_n": _electrostatic_force_n(file, point.cof, normal_force),
         "current_rms_a": point.current_rms_a,
         "policy": chosen,
-        "reachable_cof": list(reachable),
+        "reachable_cof": list(controller.reachable(normal_force)),
         "cof_interval": None if interval is None else list(interval),
     }
+    report(as_json, payload, lambda: _show(payload, normal_force))
 
-    def show() -> None:
-        stdout.print(f"{point.frequency_hz:.4g} Hz, {point.voltage_v:.4g} V peak at the electrode ({chosen})")
-        stdout.print(
-            f"  friction {point.cof:.4g} under {normal_force:g} N, electrostatic force "
-            f"{payload['electrostatic_force_n']:.3g} N, finger current {point.current_rms_a:.3g} A rms"
+
+def _point(controller: Controller, limits: OperatingLimits, friction: float, normal_force_n: float) -> OperatingPoint:
+    """What the controller wants for a resting finger, if it is reachable and the last gate lets it pass."""
+    finger = FingerState(0.0, 0.0, 0.0, 0.0, 0.0, normal_force_n, True)
+    _, point = controller.step(INITIAL, TargetFriction(friction, True), finger)
+    if not point.reachable:
+        low, high = controller.reachable(normal_force_n)
+        raise BadInputError(
+            "unreachable",
+            f"friction {friction:g} cannot be reached at {normal_force_n:g} N by policy {controller.settings.policy}",
+            f"Reachable: {low:.4g} to {high:.4g}",
         )
-        if interval is not None:
-            low, high = interval
-            stdout.print(f"  with the model's uncertainty this friction is {low:.4g} to {high:.4g} (68 %)")
-        stdout.print(f"  reachable here: {reachable[0]:.4g} to {reachable[1]:.4g}")
+    refused = violation(limits, point)
+    if refused is not None:
+        raise HapticError("refused", f"the safety gate refuses the point found: {refused}", "Check the rig's limits")
+    return point
 
-    report(as_json, payload, show)
+
+def _show(found: dict[str, Any], normal_force_n: float) -> None:
+    stdout.print(
+        f"{found['frequency_hz']:.4g} Hz, {found['voltage_v']:.4g} V peak at the electrode ({found['policy']})"
+    )
+    stdout.print(
+        f"  friction {found['cof']:.4g} under {normal_force_n:g} N, electrostatic force "
+        f"{found['electrostatic_force_n']:.3g} N, finger current {found['current_rms_a']:.3g} A rms"
+    )
+    if found["cof_interval"] is not None:
+        low, high = found["cof_interval"]
+        stdout.print(f"  with the model's uncertainty this friction is {low:.4g} to {high:.4g} (68 %)")
+    low, high = found["reachable_cof"]
+    stdout.print(f"  reachable here: {low:.4g} to {high:.4g}")
 
 
 def _frequency(text: str) -> float | None:

@@ -58,8 +58,7 @@ def info(
 
     def show() -> None:
         stdout.print(f"{file}: {_summary(surface)}")
-        for key, value in payload.items():
-            stdout.print(f"  {key}: {value}")
+        _tell(payload, "  ")
 
     report(as_json, payload, show)
 
@@ -114,6 +113,25 @@ def _interval(surface: SurfaceFile) -> dict[str, float] | None:
     ends = np.isfinite(low) & np.isfinite(high)
     half = 0.5 * np.log(high[ends] / low[ends])
     return {"median_relative": float(np.median(half)), "widest_relative": float(half.max())}
+
+
+def _tell(content: dict[str, Any], indent: str) -> None:
+    """What `describe` says, for a person: a line for each entry, tables of tables further in."""
+    for key, value in content.items():
+        if isinstance(value, dict) and any(isinstance(inner, dict) for inner in value.values()):
+            stdout.print(f"{indent}{key}:")
+            _tell(value, indent + "  ")
+        else:
+            stdout.print(f"{indent}{key}: {_words(value)}")
+
+
+def _words(value: Any) -> str:
+    """Short; all digits are in the JSON."""
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_words(inner)}" for key, inner in value.items())
+    if isinstance(value, list):
+        return " to ".join(map(_words, value))
+    return "none" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _summary(surface: SurfaceFile) -> str:

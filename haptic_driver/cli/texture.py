@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.table import Table
+from rich.text import Text
 
 from haptic_driver.cli import control
 from haptic_driver.cli.daemon import SocketOption
@@ -133,4 +134,4 @@ def _show(name: str, kind: str, found: Demand, reachable: tuple[float, float], n
     stdout.print(f"  out of reach: {found.share_below:.1%} below, {found.share_above:.1%} above")
     stdout.print(f"  nothing asked for on {found.share_nothing:.1%} of the screen")
     for flag in found.flags:
-        stdout.print(f"  [bold yellow]{flag}[/]")
+        stdout.print(Text(f"  {flag}", "bold yellow"))

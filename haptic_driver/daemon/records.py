@@ -12,6 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from haptic_driver.errors import HapticError
 
+HIGHEST_COF = 10.0  # that anybody may ask for
+
 
 class DaemonState(StrEnum):
     """Where the daemon is; output is possible in `rendering` alone."""
@@ -75,7 +77,7 @@ class Event(Record):
 class Target(Record):
     """`haptic set MU`."""
 
-    cof: Annotated[FiniteFloat, Field(gt=0.0, le=10.0)]
+    cof: Annotated[FiniteFloat, Field(gt=0.0, le=HIGHEST_COF)]
 
 
 class TextureChoice(Record):

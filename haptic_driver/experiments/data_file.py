@@ -21,7 +21,7 @@ from typing import Any, Self, TextIO
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.average import Friction
 from haptic_driver.experiments.plan import Row
-from haptic_driver.files import not_written
+from haptic_driver.files import not_written, replacing
 
 SETTING_COLUMNS = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "session", "trial")
 COLUMNS = (
@@ -168,10 +168,8 @@ def _check_rows(path: Path, table: list[dict[str, str]], rows: Sequence[Row]) ->
 
 
 def _write_whole(path: Path, text: str) -> None:
-    """All or nothing."""
-    partial = path.with_name(f"{path.name}.part")
-    with partial.open("w", encoding="utf-8") as file:
+    """All or nothing, and on the disk."""
+    with replacing(path) as part, part.open("w", encoding="utf-8") as file:
         file.write(text)
         file.flush()
         os.fsync(file.fileno())
-    partial.replace(path)

@@ -41,7 +41,7 @@ class _Block(_Section):
     speed_m_s: Speeds
 
 
-class _PlanFile(_Section):
+class PlanFile(_Section):
     """A plan as its file says; each of `points` is a block, with the lists of the file for what it does not say."""
 
     name: str
@@ -128,7 +128,7 @@ class Plan:
 def load_plan(name_or_path: str) -> Plan:
     """A plan by the name of its file in `configs/plans/`, or by path; BadInputError says what is wrong where."""
     path = find_config(name_or_path, "plans")
-    file = parse(_PlanFile, read_toml(path), str(path))
+    file = parse(PlanFile, read_toml(path), str(path))
     settings: dict[Setting, None] = {}
     shared = file.model_dump(include=set(_Block.model_fields), exclude_none=True)
     for number, block in enumerate(file.points, start=1):

@@ -7,14 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-mpl.use("Agg")
-import matplotlib.pyplot as plt
-
-from haptic_driver.files import write_picture
+from haptic_driver.picture_files import plt, saved
 from haptic_driver.render.texture import Script, Target, Texture
 from haptic_driver.signals import FingerState
 
@@ -32,26 +28,26 @@ NOWHERE = "#dddddd"
 def preview(target: Target, path: Path, title: str = "") -> None:
     """Draw a texture over the plane and along its middle, or a script over time; .png, .pdf or .svg by the name."""
     figure, (plane, line) = plt.subplots(2, 1, figsize=(6.4, 5.6), height_ratios=(3, 2), layout="constrained")
-    mesh = _draw(target, plane, line)
-    figure.suptitle(title)
-    if mesh is None:
-        plane.remove()
-    else:
-        figure.colorbar(mesh, ax=plane, label="coefficient of friction")
-    _save(figure, path)
+    with saved(figure, path):
+        mesh = _draw(target, plane, line)
+        figure.suptitle(title)
+        if mesh is None:
+            plane.remove()
+        else:
+            figure.colorbar(mesh, ax=plane, label="coefficient of friction")
 
 
 def contact_sheet(targets: Mapping[str, Target], path: Path) -> None:
     """Draw several on one sheet, their names above them."""
     rows = math.ceil(len(targets) / COLUMNS)
     figure = plt.figure(figsize=(3.1 * COLUMNS, 3.2 * rows), layout="constrained")
-    cells = figure.subfigures(rows, COLUMNS, squeeze=False).ravel()
-    for cell, (name, target) in zip(cells, targets.items(), strict=False):
-        plane, line = cell.subplots(2, 1, height_ratios=(3, 2))
-        if _draw(target, plane, line) is None:
-            plane.remove()
-        cell.suptitle(name, fontweight="bold")
-    _save(figure, path)
+    with saved(figure, path):
+        cells = figure.subfigures(rows, COLUMNS, squeeze=False).ravel()
+        for cell, (name, target) in zip(cells, targets.items(), strict=False):
+            plane, line = cell.subplots(2, 1, height_ratios=(3, 2))
+            if _draw(target, plane, line) is None:
+                plane.remove()
+            cell.suptitle(name, fontweight="bold")
 
 
 def _draw(target: Target, plane: Any, line: Any) -> Any:
@@ -101,10 +97,3 @@ def _window_m(texture: Texture) -> float:
 
 def _centres(length_m: float, count: int) -> FloatArray:
     return length_m * (np.arange(count) + 0.5) / count
-
-
-def _save(figure: Any, path: Path) -> None:
-    try:
-        write_picture(figure, path)
-    finally:
-        plt.close(figure)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.errors import ModelError
+from model.errors import ModelError, nearest
+from model.tables import Table, read_table
 from model.touch_model import WAVEFORMS, Conditions
 
 Array = NDArray[np.float64]
@@ -102,58 +100,46 @@ class Measurements:
 
 def read_measurements(path: Path) -> Measurements:
     """Read a data file; ModelError names the line and column that is wrong."""
-    try:
-        raw = path.read_bytes()
-        rows = list(csv.DictReader(raw.decode("utf-8-sig").splitlines()))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ModelError(f"{path}: cannot be read ({error})", WANTED) from error
-    if not rows:
+    table = read_table(path, REQUIRED, WANTED)
+    if not table.rows:
         raise ModelError(f"{path}: has no rows", WANTED)
-    for name in REQUIRED:
-        if name not in rows[0]:
-            raise ModelError(f"{path}: column {name} is missing", WANTED)
-    waveform = None
-    if "waveform" in rows[0]:
-        waveform = np.array([(row["waveform"] or "sine").strip().lower() for row in rows])
-        for line, name in enumerate(waveform, start=2):
-            if name not in WAVEFORMS:
-                raise ModelError(f"{path}, line {line}: waveform '{name}' is unknown", f"Known: {', '.join(WAVEFORMS)}")
-    voltage = _column(rows, "voltage_v", path, np.zeros(len(rows), bool))
+    waveform = _waveform(table)
+    voltage = _column(table, "voltage_v")
     ignored = voltage == 0.0
     if waveform is not None:
         ignored |= waveform == "dc"
-    columns = {"voltage_v": voltage}
-    for name in NUMERIC:
-        if name in rows[0] and name != "voltage_v":
-            skip = ignored if name == "frequency_hz" else np.zeros(len(rows), bool)
-            values = _column(rows, name, path, skip, optional=name not in REQUIRED)
-            if values is not None:
-                columns[name] = values
-    sessions = [str(row.get("session") or "1") for row in rows]
-    names, session = np.unique(sessions, return_inverse=True)
-    digest = hashlib.sha256(raw).hexdigest()
-    return Measurements(columns, session.ravel(), tuple(map(str, names)), waveform, digest)
+    columns = {"voltage_v": voltage, "frequency_hz": _column(table, "frequency_hz", ignored)}
+    columns |= {name: _column(table, name) for name in NUMERIC if name not in columns and _says(table, name)}
+    sessions = table.text("session") if "session" in table.columns else [""] * len(table.rows)
+    names, session = np.unique([name or "1" for name in sessions], return_inverse=True)
+    return Measurements(columns, session.ravel(), tuple(map(str, names)), waveform, table.content_hash)
 
 
-def _column(rows: list[dict[str, Any]], name: str, path: Path, ignored: Mask, optional: bool = False) -> Any:
-    """One column; None where it is optional and empty throughout."""
-    texts = [(row[name] or "").strip() for row in rows]
-    if optional and not any(texts):
+def _says(table: Table, name: str) -> bool:
+    """Whether a column is there; an optional one that is empty throughout is not."""
+    return name in REQUIRED or (name in table.columns and any(table.text(name)))
+
+
+def _waveform(table: Table) -> NDArray[np.str_] | None:
+    """Names of `WAVEFORMS` [n], a sine where nothing is said; None without the column."""
+    if "waveform" not in table.columns:
         return None
+    names = [name.lower() or "sine" for name in table.text("waveform")]
+    for i, name in enumerate(names):
+        if name not in WAVEFORMS:
+            raise ModelError(f"{table.where(i)}: waveform '{name}' is unknown", nearest(name, list(WAVEFORMS)))
+    return np.array(names)
+
+
+def _column(table: Table, name: str, ignored: Mask | None = None) -> Array:
+    """One column [n] within its range; 0 in the rows `ignored`."""
+    values = table.numbers(name, ignored=ignored)
     low, high, unit = RANGES.get(name, (-np.inf, np.inf, ""))
-    values = np.zeros(len(rows))
-    for i, text in enumerate(texts):
-        if ignored[i]:
-            continue
-        try:
-            values[i] = float(text)
-        except ValueError:
-            values[i] = np.nan
-        if not np.isfinite(values[i]):
-            raise ModelError(f"{path}, line {i + 2}: {name} is '{text}', not a number", WANTED)
-        if not low <= values[i] <= high:
-            raise ModelError(
-                f"{path}, line {i + 2}: {name} = {text} is out of range",
-                f"It must lie in {low:g}..{high:g} {unit}; is the unit right?",
-            )
+    outside = ~((values >= low) & (values <= high))
+    if ignored is not None:
+        outside &= ~ignored
+    if outside.any():
+        i = int(np.argmax(outside))
+        said = f"{table.where(i)}: {name} = {table.rows[i][name]} is out of range"
+        raise ModelError(said, f"It must lie in {low:g}..{high:g} {unit}; is the unit right?")
     return values

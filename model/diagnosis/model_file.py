@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from model.description import ModelDescription
+from model.description import POWER_LAW, ModelDescription
 from model.diagnosis.fit import Fit
 from model.diagnosis.naming import Candidate
-from model.diagnosis.space import NUISANCES
+from model.diagnosis.space import NUISANCES, Nuisance
 from model.diagnosis.workflow import Diagnosis
 from model.dielectrics import NAMED, PowerLaw, Tabulated
 from model.errors import ModelError
@@ -35,10 +35,15 @@ def program() -> str:
         return "haptic-driver, not installed"
 
 
-def fitted_nuisances(description: ModelDescription, fit: Fit, source: str = "") -> dict[str, Parameter]:
-    """The finger's own parameters as fitted, with one standard deviation to first order, within a file's ranges."""
+def fitted_nuisances(
+    description: ModelDescription, fit: Fit, source: str = "", free: Sequence[Nuisance] = NUISANCES
+) -> dict[str, Parameter]:
+    """The finger's own parameters as fitted, with one standard deviation to first order, within a file's ranges.
+
+    `free`: those with which the fit's vector begins.
+    """
     found = {}
-    for i, nuisance in enumerate(NUISANCES):
+    for i, nuisance in enumerate(free):
         before, specification = description.parameters[nuisance.name], SPECIFICATION[nuisance.name]
         x = float(fit.vector[i])
         exact = nuisance.value(before.value, np.asarray(x))
@@ -109,6 +114,7 @@ def model_text(model: ModelDescription, dielectric: Mapping[str, Scalar], origin
         "# Fitted to data; [origin] says by what and to which. Values in SI units, std is one standard deviation.",
         f"name = {_toml(model.name)}",
         f"about = {_toml(model.about)}",
+        f"variant = {_toml(model.variant)}",
         f"friction_law = {_toml(model.friction_law)}",
         *_table("dielectric", dielectric),
         "",
@@ -147,8 +153,7 @@ def dielectric_entry(model: ModelDescription, folder: Path) -> dict[str, Scalar]
     """The `[dielectric]` table of a model file in `folder`; a table of values is copied there. Raises ModelError."""
     chosen = model.dielectric
     if isinstance(chosen, PowerLaw):
-        names = ("eps_inf", "amplitude", "exponent", "conductivity_s_per_m")
-        return {"set": "power_law", **{name: float(getattr(chosen, name)) for name in names}}
+        return {"set": "power_law", **{name: float(getattr(chosen, name)) for name in POWER_LAW}}
     if isinstance(chosen, Tabulated):
         return {"set": "csv", "file": _write_table(chosen, folder)}
     if NAMED.get(chosen.name) == chosen:

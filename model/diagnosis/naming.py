@@ -19,6 +19,13 @@ STARTS = (0.0, -2.0, 1.5, -3.0)
 NONE, UNKNOWN = "none", "unknown"
 
 
+def words(name: str) -> str:
+    """A candidate's name as people say it."""
+    if name in (NONE, UNKNOWN):
+        return {NONE: "nothing missing", UNKNOWN: "unknown effect"}[name]
+    return name.replace("_", " ").replace("+", " with ")
+
+
 @dataclass(frozen=True)
 class Candidate:
     """One model, fitted: its own evidence, and with a discrepancy of unknown shape beside it."""

@@ -18,7 +18,7 @@ from scipy.linalg import cholesky
 from model.description import ModelDescription
 from model.diagnosis.data import Array, Measurements
 from model.diagnosis.fit import STEP, Problem
-from model.diagnosis.naming import NONE, Candidate, imitation
+from model.diagnosis.naming import NONE, Candidate, imitation, words
 from model.diagnosis.noise import SESSION_GAIN_STD
 from model.diagnosis.space import Predictor
 from model.diagnosis.verdict import ALIKE
@@ -83,7 +83,7 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: 
         chosen = settings.subset(np.isin(np.arange(settings.count), picked))
         after = _separation(_extended(diagnosis, description, problem, chosen), first, second)
     common = {
-        "purpose": f"tells {_words(first)} from {_words(second)}",
+        "purpose": f"tells {words(first.name)} from {words(second.name)}",
         "separates": [first.name, second.name],
         "lambda_now": now,
         "lambda_after": after,
@@ -95,10 +95,6 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: 
         {"kind": "setting", **_setting(settings, index), "repeats": REPEATS, "separation": gain, **common}
         for index, gain in zip(picked, gains, strict=True)
     ]
-
-
-def _words(candidate: Candidate) -> str:
-    return "nothing missing" if not candidate.kinds else candidate.name.replace("_", " ").replace("+", " with ")
 
 
 def _repeats(diagnosis: Diagnosis, most: int) -> list[dict[str, Any]]:
@@ -258,7 +254,8 @@ def _extended(diagnosis: Diagnosis, description: ModelDescription, problem: Prob
     }
     session = np.concatenate([data.session, np.full(count, len(data.session_names))])
     waveform = None if data.waveform is None else np.concatenate([data.waveform, np.full(count, "sine")])
-    extended = Measurements(both, session, (*data.session_names, "next"), waveform, "")
+    effects_on = None if data.effects_on is None else np.concatenate([data.effects_on, np.ones(count, bool)])
+    extended = Measurements(both, session, (*data.session_names, "next"), waveform, "", effects_on)
     relative = np.full(count, np.median(noise.relative_std) / np.sqrt(REPEATS))
     lower = np.zeros((extended.count, extended.count))
     lower[: data.count, : data.count] = noise.lower

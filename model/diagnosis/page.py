@@ -8,8 +8,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from model.diagnosis.pictures import words
-from model.diagnosis.where import ALARM
+from model.diagnosis.naming import words
+from model.diagnosis.where import ALARM, DRAWS
 
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
@@ -156,7 +156,7 @@ def _where(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
             str(r["rows"]),
             f"{100.0 * r['mean_relative_error']:+.1f} %",
             "more" if r["sign"] > 0 else "less",
-            f"{r['p_value']:.2g}" + (" (least possible)" if r["p_value"] <= 1.0 / 2001.0 + 1e-9 else ""),
+            f"{r['p_value']:.2g}" + (" (least possible)" if r["p_value"] <= 1.0 / (DRAWS + 1.0) + 1e-9 else ""),
         ]
         for r in certain
     ]

@@ -13,7 +13,7 @@ from scipy.linalg import solve_triangular
 
 from model.diagnosis.data import Array, Mask, Measurements
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.naming import NONE, UNKNOWN, Candidate
+from model.diagnosis.naming import NONE, UNKNOWN, Candidate, words
 from model.diagnosis.noise import SESSION_GAIN_STD
 from model.diagnosis.verdict import SURE, Verdict, Weighed
 from model.diagnosis.where import ALARM, Region
@@ -45,13 +45,6 @@ LEAST_BAR = 1e-4
 LONGEST_NAME = 24
 OUTLINED = 2
 PLATE = {"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.75}
-
-
-def words(name: str) -> str:
-    """A candidate's name as people say it."""
-    if name in (NONE, UNKNOWN):
-        return {NONE: "nothing missing", UNKNOWN: "unknown effect"}[name]
-    return name.replace("_", " ").replace("+", " with ")
 
 
 def pictures(diagnosis: Diagnosis) -> dict[str, bytes]:
@@ -363,7 +356,7 @@ def held_out(diagnosis: Diagnosis) -> Figure | None:
         ax.set(yscale="log", ylim=(0.3, 2.0 * top))
     else:
         ax.set_ylim(0.0, 1.12 * top)
-    names = [f"session {_literal(n)}" if proof.by == "session" else n for n in proof.folds[:count]]
+    names = [f"session {_literal(n)}" if proof.by == "session" else n for n in proof.folds]
     ax.set_xticks(at, names, rotation=90 if count > 12 else 30 if count > 6 else 0)
     ax.set_ylabel("squared error per point,\nin units of the noise")
     ax.grid(alpha=0.25, axis="y")

@@ -56,17 +56,19 @@ def prove(
     noise: Noise,
     chosen: Candidate,
     rivals: list[Candidate],
+    scale: float,
     seed: int,
     progress: Callable[[str], None],
 ) -> Proof:
-    """Leave out sessions where there are three or more, else blocks of settings.
+    """Leave out sessions where there are three or more, else blocks of settings; errors in units of `scale` x noise.
 
-    `rivals` are chosen among anew in each fold (the chosen model and the base model always take part).
+    The chosen model and `rivals` are chosen among anew in each fold. A fold that leaves no noise to fit by, or hardly
+    a row to judge, is left out.
     """
     by, fold = _folds(data, seed)
     names = [data.session_names[i] if by == "session" else f"block {i + 1}" for i in range(fold.max() + 1)]
     contenders = [chosen, *[r for r in rivals if r.kinds != chosen.kinds]]
-    before, after, kept, weights = [], [], [], []
+    judged, before, after, kept, weights = [], [], [], [], []
     for i in range(fold.max() + 1):
         progress(f"held out: {names[i]}")
         inside, outside = data.subset(fold != i), data.subset(fold == i)
@@ -79,7 +81,8 @@ def prove(
         scores = [evidence(f, inner_noise).log_evidence - 3.0 * len(f.kinds) for f in fits]
         selected = fits[int(np.argmax(scores))]
         outer = Predictor(description, outside)
-        relative = noise.relative_std[fold == i] * chosen.beside_discrepancy.scale
+        relative = noise.relative_std[fold == i] * scale
+        judged.append(names[i])
         before.append(_error(outer, outside, (), base.vector, relative))
         after.append(_error(outer, outside, selected.kinds, selected.vector, relative))
         kept.append(selected.kinds == chosen.kinds)
@@ -93,7 +96,7 @@ def prove(
     closed = [_closed(a[d], b[d], w[d]) for d in draws]
     finite = np.array([c for c in closed if np.isfinite(c)])
     low, high = np.percentile(finite, [2.5, 97.5]) if finite.size else (np.nan, np.nan)
-    return Proof(by, tuple(names), a, b, _closed(a, b, w), (float(low), float(high)), float(np.mean(kept)))
+    return Proof(by, tuple(judged), a, b, _closed(a, b, w), (float(low), float(high)), float(np.mean(kept)))
 
 
 def _folds(data: Measurements, seed: int) -> tuple[str, NDArray[np.intp]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,7 @@ from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN, Can
 from model.diagnosis.next_experiment import next_experiments
 from model.diagnosis.page import write_html
 from model.diagnosis.pictures import leaders, pictures
-from model.diagnosis.proof import Proof, prove
+from model.diagnosis.proof import prove
 from model.diagnosis.space import NUISANCES
 from model.diagnosis.where import Disagreement, Region
 from model.diagnosis.workflow import Diagnosis
@@ -237,8 +236,8 @@ def _rival(diagnosis: Diagnosis, description: ModelDescription, rival: Candidate
     """The rival through the same folds, measured in the noise that the chosen model leaves."""
     if diagnosis.noise is None or diagnosis.verdict is None:
         return {}
-    same = replace(rival, fit=replace(rival.fit, scale2=diagnosis.verdict.chosen.fit.scale2))
-    tried: Proof = prove(description, diagnosis.data, diagnosis.noise, same, [], diagnosis.seed, lambda _: None)
+    scale = diagnosis.verdict.chosen.beside_discrepancy.scale
+    tried = prove(description, diagnosis.data, diagnosis.noise, rival, [], scale, diagnosis.seed, lambda _: None)
     return {"after": tried.after, "gap_closed": tried.gap_closed, "gap_closed_interval": list(tried.interval)}
 
 

@@ -14,7 +14,7 @@ from model.diagnosis.fit import Problem
 from model.diagnosis.naming import Candidate, candidate, fit_candidates, testable_effects
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.proof import Proof, prove
-from model.diagnosis.rival import features
+from model.diagnosis.rival import features, left_beside
 from model.diagnosis.sessions import inflation, names, split_sessions, unlike_sessions
 from model.diagnosis.space import NUISANCES, Predictor
 from model.diagnosis.verdict import Verdict, Weighed, decide
@@ -58,12 +58,12 @@ def diagnose(
     """Run the whole workflow on one data set."""
     warnings: list[str] = []
     noise = noise_of(data)
-    blocked = _blocked(data, noise)
+    kinds = testable_effects(data, description.effects)
+    blocked = _blocked(data, noise, kinds)
     if noise is None or blocked:
         return Diagnosis(data, noise, None, None, None, None, None, None, None, (blocked,), seed)
     progress("base model")
     setting = _base(description, data, noise, warnings)
-    kinds = testable_effects(data, description.effects)
     untestable = [kind.name for kind in CATALOGUE if kind not in kinds]
     setting, singles = _fit_singles(description, setting, kinds, warnings, progress)
     data, noise, problem, discrepancy, base = setting
@@ -76,20 +76,23 @@ def diagnose(
 
     verdict = decide(data, problem, discrepancy, weighed, before, scan, progress)
     leaders = sorted(singles, key=lambda c: -c.alone.log_evidence)[:LEADERS]
-    proof = prove(description, data, noise, verdict.chosen, leaders, seed, progress)
+    scale = verdict.chosen.beside_discrepancy.scale
+    proof = prove(description, data, noise, verdict.chosen, leaders, scale, seed, progress)
     warnings += _nuisance_warnings(verdict.chosen)
     return Diagnosis(
         data, noise, verdict, weighed, before, scan(verdict.chosen), proof, problem, discrepancy, tuple(warnings), seed
     )
 
 
-def _blocked(data: Measurements, noise: Noise | None) -> str:
+def _blocked(data: Measurements, noise: Noise | None, kinds: list[type[Effect]]) -> str:
     """Why these data can test nothing; empty where they can."""
     if noise is None:
         return "no cof_std and no replicates: without a noise, no discrepancy can be told from chance"
     driven = data.driven
     if data.count < FEWEST_ROWS or driven.sum() < FEWEST_DRIVEN:
         return f"{data.count} rows, {int(driven.sum())} with voltage: {FEWEST_ROWS} and {FEWEST_DRIVEN} are needed"
+    if not kinds:
+        return "every effect that these data could show is in the model already"
     return ""
 
 
@@ -111,11 +114,7 @@ def _setting(description: ModelDescription, data: Measurements, noise: Noise, st
 
 def _left(setting: _Setting) -> Array:
     """Whitened residuals [n] of the most flexible model: the base beside a discrepancy of unknown shape."""
-    base, found = setting.base, setting.base.beside_discrepancy
-    spread = np.concatenate([base.fit.jacobian, found.amplitude * setting.discrepancy[found.term]], axis=1)
-    target = base.fit.residual + base.fit.jacobian @ base.fit.vector
-    inner = spread.T @ spread / found.scale**2 + np.eye(spread.shape[1])
-    return np.asarray((target - spread @ np.linalg.solve(inner, spread.T @ target / found.scale**2)) / found.scale)
+    return left_beside(setting.base.fit, setting.base.beside_discrepancy, setting.discrepancy)
 
 
 def _fit_singles(
@@ -176,7 +175,7 @@ def _base(description: ModelDescription, data: Measurements, noise: Noise, warni
             warnings.append(
                 f"{int(outlying.sum())} rows lie more than {OUTLIER:g} sigma off every smooth model; given less weight"
             )
-        rho = _neighbour_correlation(data, left)
+        rho = 0.0 if correlation else _neighbour_correlation(data, left)  # of what is left once it was taken out: no
         if rho:
             correlation = rho
             warnings.append(f"noise of neighbouring rows is correlated ({rho:.2f}); taken into account")

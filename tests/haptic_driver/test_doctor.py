@@ -6,9 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from haptic_driver import doctor
+from haptic_driver import devices, doctor
+from haptic_driver import rig_config as rig_config_module
+from haptic_driver.config import load_rig
 from haptic_driver.doctor import Status, examine
 from haptic_driver.served_rig import ServedRig, as_real
+from hw.errors import DeviceError
 from hw.simulated.tcp_server import TcpServer
 from hw.simulated.waveform_generator import Simulated33220A
 
@@ -138,6 +141,32 @@ def test_a_silent_instrument_does_not_hold_it_up(rig_config, served):
 def test_figures_age_in_a_year_and_are_not_of_the_future(rig_config, today, status):
     checks = list(doctor._figures(rig_config, today))  # measured 2024-01-01
     assert [check.status for check in checks] == [status, status]
+
+
+def test_the_monitor_is_read_in_the_range_of_the_rigs_file(monkeypatch):
+    """It was once read in the card's widest range, whatever the file said."""
+    asked = []
+
+    class Absent:
+        def __init__(self, channels, **how):
+            asked.append((channels, how))
+
+        def open(self):
+            raise DeviceError("no such card", "look at it")
+
+        def close(self):
+            asked.append("closed")
+
+    monkeypatch.setattr(devices, "NiAnalogInputs", Absent)
+    config = load_rig("paper")
+    card = rig_config_module.AnalogInputsConfig(sample_rate_hz=20e3, range_v=5.0, terminal="RSE", timeout_s=0.3)
+    amplifier = config.amplifier.model_copy(update={"voltage_monitor": "Dev1/ai6"})
+    (check,) = doctor._monitors(config.model_copy(update={"analog_inputs": card, "amplifier": amplifier}))
+    assert check == ("voltage monitor", Status.FAILED, "no such card", "look at it")
+    (channels, how), closed = asked
+    assert channels == ["Dev1/ai6"]
+    assert (how["range_v"], how["terminal"], how["timeout_s"]) == (5.0, "RSE", 0.3)
+    assert closed == "closed"
 
 
 def test_only_questions_can_be_asked():

@@ -50,6 +50,19 @@ def table(path):
         return list(csv.DictReader(file))
 
 
+def test_runs_are_in_the_order_of_their_numbers(tmp_path):
+    """run_10000 once came before run_9999, and the last one was not the newest."""
+    with h5py.File(tmp_path / "many.h5", "w") as file:
+        file.attrs["format"], file.attrs["format_version"] = recording.FORMAT, recording.FORMAT_VERSION
+        for name in ("run_0001", "run_9999", "run_10000"):
+            file.create_group(name)
+    assert recording.run_names(tmp_path / "many.h5") == ["run_0001", "run_9999", "run_10000"]
+
+
+def test_rows_are_counted_of_what_is_exported(path):
+    assert (recording.row_count(path), recording.row_count(path, events=True)) == (700, 1)
+
+
 def test_csv_holds_every_number_to_the_last_bit(path, samples, tmp_path):
     done = []
     assert recording.export(path, tmp_path / "run.csv", progress=done.append) == 700

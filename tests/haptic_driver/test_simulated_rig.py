@@ -31,7 +31,7 @@ def stages(surface, limits, rig_config):
     return make
 
 
-def quick(rig_config, reply_timeout_s=0.1):
+def quick(rig_config, reply_timeout_s=0.25):
     """The same rig, waiting less for an instrument that is going to be silent."""
     generator = rig_config.waveform_generator.model_copy(update={"reply_timeout_s": reply_timeout_s})
     return rig_config.model_copy(update={"waveform_generator": generator})

@@ -133,13 +133,13 @@ class TestTable:
             ("frequency,eps_real,conductivity_s_per_m\n1,10,1e-4\n2,11,1e-4\n", "frequency_hz"),
             (HEADER + "1,10,1e-4\n", "not a usable"),
             (HEADER, "not a usable"),
-            ("", "not a usable"),
+            ("", "the file is empty"),
             (HEADER + "2,10,1e-4\n1,11,1e-4\n", "not a usable"),
             (HEADER + "1,10,1e-4\n1,11,1e-4\n", "not a usable"),
             (HEADER + "0,10,1e-4\n1,11,1e-4\n", "not a usable"),
             (HEADER + "1,10,-1e-4\n2,11,1e-4\n", "not a usable"),
-            (HEADER + "1,nan,1e-4\n2,11,1e-4\n", "not a usable"),
-            (HEADER + "1,10,1e-4\n2,inf,1e-4\n", "not a usable"),
+            (HEADER + "1,nan,1e-4\n2,11,1e-4\n", "line 2: eps_real is 'nan'"),
+            (HEADER + "1,10,1e-4\n2,inf,1e-4\n", "line 3: eps_real is 'inf'"),
         ],
         ids=["text", "short", "column", "row", "none", "empty", "falling", "equal", "zero", "minus", "nan", "inf"],
     )
@@ -155,7 +155,7 @@ class TestTable:
             read_csv(tmp_path / "none.csv")
         binary = tmp_path / "binary.csv"
         binary.write_bytes(b"\xff\xfe\x00\x81")
-        with pytest.raises(ModelError, match="cannot be read"):
+        with pytest.raises(ModelError, match="is not UTF-8 text"):
             read_csv(binary)
 
     def test_line_number_counts_blank_lines(self, tmp_path) -> None:

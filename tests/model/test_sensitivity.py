@@ -59,3 +59,9 @@ def test_pull_in_and_printed_equations_are_refused(models):
         force_sensitivity(models["reference"].description, at(250.0, 3000.0), draws=64)
     with pytest.raises(ModelError, match="printed"):
         force_sensitivity(replace(models["reference"].description, variant="published"), at(250.0), draws=64)
+
+
+def test_no_voltage_has_no_force_to_be_sensitive(models):
+    """The logarithm of zero went through as NaN in every index."""
+    with pytest.raises(ModelError, match="nothing attracts"):
+        force_sensitivity(models["reference"].description, at(250.0, 0.0), draws=8)

@@ -254,3 +254,15 @@ def test_more_load_closes_the_gaps_and_raises_the_force_but_not_the_friction(tou
     answer = touch.predict(Conditions(np.full(9, 250.0), np.full(9, 75.0), n))
     assert (np.diff(answer.electrostatic_force_n) > 0.0).all()
     assert (np.diff(answer.cof) < 0.0).all()
+
+
+def test_effects_on_the_drive_act_on_the_current(variant):
+    """A weak amplifier's current was that of the voltage asked for; the force was that of the voltage delivered."""
+
+    def current(gain, voltage_v):
+        on = {"drive_gain_error": {"gain": Parameter(gain, "1", "")}}
+        model = variant()
+        model = TouchModel(replace(model.description, effect_parameters=on))
+        return spectra.current_spectrum(model, sine(250.0, voltage_v), LOAD)
+
+    np.testing.assert_allclose(current(0.5, 80.0), current(1.0, 40.0), rtol=1e-9)

@@ -25,6 +25,22 @@ def data(touch, rng, tmp_path):
     return path
 
 
+def test_a_parameter_that_is_not_known_gives_the_nearest_that_is(haptic, data, tmp_path):
+    done = haptic("calibrate", data, "--also", "skin_thicknes_m", "--out", tmp_path / "finger.toml", "--json")
+    assert done.status == 2
+    error = json.loads(done.out)["error"]
+    assert "--also skin_thicknes_m" in error["message"]
+    assert error["hint"].startswith("Did you mean 'skin_thickness_m'?")
+    assert not (tmp_path / "finger.toml").exists()
+
+
+@pytest.mark.parametrize("name", ["finger", "finger.png"])
+def test_a_model_file_that_no_command_would_find_is_refused(haptic, data, tmp_path, name):
+    done = haptic("calibrate", data, "--out", tmp_path / name, "--json")
+    assert (done.status, json.loads(done.out)["error"]["code"]) == (2, "bad_ending")
+    assert not (tmp_path / name).exists()
+
+
 def test_a_finger_is_fitted_and_written(haptic, data, tmp_path):
     out = tmp_path / "out" / "finger.toml"
     done = haptic("calibrate", data, "--out", out, "--json")

@@ -1,6 +1,7 @@
 """`haptic demo`: the contract of its JSON, and what it says of a trace, a texture or a rig it cannot use."""
 
 import json
+import re
 from pathlib import Path
 
 import matplotlib.image
@@ -107,6 +108,37 @@ def test_a_force_that_the_model_cannot_take_is_about_the_trace(demo, tmp_path):
     status, said = demo("--trace", path)
     assert status == 2
     assert str(path) in said["error"]["message"]
+
+
+def test_a_surface_of_another_model_is_refused(demo, surface_path):
+    """Its finger would be off target for a reason that nothing shows."""
+    status, said = demo("--model", "table1")
+    assert (status, said["error"]["code"]) == (2, "other_model")
+    message = said["error"]["message"]
+    assert f"{surface_path} was built from model 'reference', which is not model 'table1'" in message
+    assert "--model" in said["error"]["hint"]
+
+
+def test_a_surface_of_the_same_model_as_it_was_before_a_change_is_refused(demo, tmp_path):
+    text = (OWN / "models" / "reference.toml").read_text(encoding="utf-8")
+    changed = re.sub(r"(?m)^(cof_off +=\s*\{ value = )[\d.]+", r"\g<1>0.4", text)
+    assert changed != text
+    (tmp_path / "reference.toml").write_text(changed, encoding="utf-8")
+    status, said = demo("--model", tmp_path / "reference.toml")
+    assert (status, said["error"]["code"]) == (2, "other_model")
+    assert "'reference' as it was then" in said["error"]["message"]
+
+
+def test_a_rig_that_names_its_finger_may_have_any_surface(haptic, small_file, tmp_path):
+    """As after a diagnosis: the surface of the model that was found, under the finger as it is."""
+    text = (OWN / "rigs" / "simulated.toml").read_text(encoding="utf-8")
+    (tmp_path / "named.toml").write_text(text.replace("[simulation]\n", '[simulation]\nmodel = "table1"\n'))
+    small_file.write(tmp_path / "surface.h5")  # of model reference
+    command = ["demo", "--rig", tmp_path / "named.toml", "--surface", tmp_path / "surface.h5", "--trace"]
+    command += [trace(tmp_path), "--out", tmp_path / "out", "--json"]
+    assert haptic(*command).status == 0
+    refused = haptic(*command, "--model", "table1")
+    assert (refused.status, json.loads(refused.out)["error"]["code"]) == (2, "other_model")
 
 
 def test_a_rig_that_is_not_simulated_is_refused(demo, tmp_path):

@@ -88,7 +88,8 @@ def test_stdout_holds_the_report_alone(data, tmp_path, capsys) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "has no rows"),
+        ("", "the file is empty"),
+        ("frequency_hz,voltage_v,normal_force_n,cof\n", "has no rows"),
         ("frequency_hz,voltage_v,cof\n250,75,0.6\n", "normal_force_n is missing"),
         ("frequency_hz,voltage_v,normal_force_n,cof\n250,75,0.5,high\n", "line 2: cof is 'high'"),
         ("frequency_hz,voltage_v,normal_force_n,cof\n250,75,500,0.6\n", "normal_force_n = 500 is out of range"),

@@ -140,7 +140,8 @@ def test_interrupted_by_the_user_the_file_can_be_continued(plan: str) -> None:
     long = PLAN.replace("[60.0, 250.0, 1e4]", "[60.0, 250.0]") + "repeats = 1000\n"
     Path("long.toml").write_text(long)
     arguments = ["measure", "--plan", "long.toml", "--out", "data.csv", "--json"]
-    program = f"import sys; from haptic_driver.cli.main import main; sys.exit(main({arguments!r}))"
+    begin = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored behind a nohup
+    program = f"{begin}; from haptic_driver.cli.main import main; sys.exit(main({arguments!r}))"
     root = str(Path(__file__).parents[3])
     child = subprocess.Popen(
         [sys.executable, "-c", program],

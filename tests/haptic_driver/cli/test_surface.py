@@ -62,6 +62,8 @@ def test_info_says_what_is_in_the_file(haptic, surface_path, surface_file):
 
 def test_info_for_a_person(haptic, surface_path, surface_file):
     done = haptic("surface", "info", surface_path)
+    assert "    frequency_hz: low 1, high 1e+06, count 200\n" in done.out
+    assert "{" not in done.out
     assert "200 x 128 x 5 points of model 'reference'" in done.out
     assert surface_file.content_hash in done.out
 

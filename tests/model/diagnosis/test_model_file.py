@@ -179,3 +179,13 @@ def test_odd_names_survive(finger: ModelDescription, tmp_path: Path) -> None:
     given = replace(finger, name=odd)
     write_model(diagnosis("effect_found", "series_resistance"), given, tmp_path / "model.toml", f'd"{odd}.csv')
     assert read_model(tmp_path / "model.toml").name == f"{odd}+series_resistance"
+
+
+def test_a_printed_model_that_nothing_could_test_stays_the_printed_one(
+    finger: ModelDescription, tmp_path: Path
+) -> None:
+    """The file did not say the variant, and read back as the corrected equations."""
+    printed = replace(finger, variant="published", friction_law="total_load")
+    write_model(diagnosis(None), printed, tmp_path / "model.toml", "d.csv")
+    assert read_model(tmp_path / "model.toml").variant == "published"
+    assert read_model(tmp_path / "model.toml").content_hash == printed.content_hash

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,7 +13,10 @@ import pytest
 from model.description import read_model
 from model.diagnosis import next_experiment as design
 from model.diagnosis.data import Array, Measurements
+from model.diagnosis.fit import Problem
 from model.diagnosis.next_experiment import next_experiments
+from model.diagnosis.noise import noise_of
+from model.diagnosis.space import NUISANCES, Predictor
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects import BY_NAME
 from model.parameters import Parameter
@@ -133,3 +137,21 @@ def test_nothing_tested_proposes_nothing() -> None:
     found = diagnose(FINGER, _measured(_friction(settings, ""), settings, np.zeros(len(settings))))
     assert found.name == "not_testable"
     assert next_experiments(found, FINGER) == []
+
+
+def test_settings_to_come_leave_the_measured_rows_as_they_were() -> None:
+    """Where an effect showed in some sessions only, it was on in all of them as soon as settings were added."""
+    settings, session = _design()
+    measured = replace(_measured(_friction(settings, ""), settings, session), effects_on=session == 1.0)
+    noise = noise_of(measured)
+    assert noise is not None
+    problem = Problem(Predictor(FINGER, measured), np.log(measured.columns["cof"]), noise)
+    chosen = Measurements(dict(zip(SETTING, settings[:2].T, strict=True)), np.zeros(2, np.intp), ("n",), None, "")
+    known = cast("Diagnosis", SimpleNamespace(data=measured))
+    wider = design._extended(known, FINGER, problem, chosen)
+    gain = BY_NAME["drive_gain_error"]
+    vector = np.append(np.zeros(len(NUISANCES)), 2.0)[None]
+    before, after = (p.predictor.log_cof([gain], vector)[0] for p in (problem, wider))
+    np.testing.assert_allclose(after[: measured.count], before, rtol=1e-12)
+    alone = wider.predictor.log_cof([], vector[:, :-1])[0]
+    assert np.all(after[measured.count :] > alone[measured.count :])  # and the effect is on in what is to come

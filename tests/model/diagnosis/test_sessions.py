@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from model.description import read_model
+from model.diagnosis import workflow
 from model.diagnosis.data import Measurements, read_measurements
+from model.diagnosis.noise import noise_of
 from model.diagnosis.sessions import inflation, unlike_sessions
 from model.diagnosis.space import NUISANCES, Predictor
 from model.diagnosis.workflow import diagnose
 from model.effects import BY_NAME
+from model.parameters import Parameter
 from model.touch_model import Conditions, TouchModel
 
 MODEL = Path(__file__).resolve().parents[3] / "configs" / "models" / "reference.toml"
@@ -94,3 +97,28 @@ def test_a_noisy_session_is_given_less_weight_and_no_name(tmp_path) -> None:
     found = diagnose(read_model(MODEL), read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 5.0)))
     assert found.name == "no_discrepancy"
     assert any("noisier than the others: session e" in warning for warning in found.warnings)
+
+
+def test_noise_that_hardly_forgets_is_taken_into_account_once(tmp_path) -> None:
+    """What correlation was left after the first was taken out took its place: 0.8, then 0.31, was 0.31."""
+    data = read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 1.0))
+    wander = np.cumsum(np.random.default_rng(25).standard_normal(data.count))
+    cof = data.columns["cof"] * np.exp(0.02 * wander)
+    slow = replace(data, columns=data.columns | {"cof": cof, "cof_std": 0.02 * cof})
+    noise = noise_of(slow)
+    assert noise is not None
+    warnings: list[str] = []
+    found = workflow._base(read_model(MODEL), slow, noise, warnings).noise
+    assert found.correlation > 0.6
+    assert sum("correlated" in said for said in warnings) == 1
+
+
+def test_a_model_with_every_effect_in_it_leaves_nothing_to_test(tmp_path) -> None:
+    """It ended in a bare error about an empty sequence."""
+    on = {kind.name: {p.name: Parameter(p.median, p.unit, "") for p in kind.parameters()} for kind in BY_NAME.values()}
+    found = diagnose(
+        replace(read_model(MODEL), effect_parameters=on),
+        read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 1.0)),
+    )
+    assert found.name == "not_testable"
+    assert "in the model already" in found.warnings[0]

@@ -1,0 +1,36 @@
+"""How pictures are made: without a window, and saved as a whole or with an error that says why not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.files import replacing
+
+__all__ = ["plt", "saved"]
+
+ENDINGS = (".png", ".pdf", ".svg")
+
+
+@contextmanager
+def saved(figure: Figure, path: Path, dpi: int = 110) -> Iterator[None]:
+    """Save `figure` at the end of the block, as the ending of `path` says, and close it however the block ends."""
+    try:
+        ending = path.suffix.lower()
+        if ending not in ENDINGS:
+            raise BadInputError(
+                "bad_ending", f"{path}: is no name of a picture", f"Give a name that ends in {', '.join(ENDINGS)}"
+            )
+        yield
+        with replacing(path) as part:
+            figure.savefig(part, dpi=dpi, format=ending.removeprefix("."))
+    finally:
+        plt.close(figure)

@@ -1,0 +1,71 @@
+"""What every command prints with: text as it is, JSON at once, and a bar that keeps up."""
+
+import io
+import sys
+
+import pytest
+from rich.console import Console
+
+from haptic_driver.cli import doctor, output
+from haptic_driver.config import load_rig
+from haptic_driver.doctor import Check, Status
+from haptic_driver.errors import BadInputError
+
+
+def terminal(**how):
+    return Console(file=io.StringIO(), force_terminal=True, width=100, **how)
+
+
+def test_brackets_and_colons_of_a_path_are_printed(haptic, surface_file, tmp_path, monkeypatch):
+    """They were once taken for markup and left out: `picture: a.png` of a file a[bold]:x:.png."""
+    monkeypatch.chdir(tmp_path)
+    surface_file.write(tmp_path / "s.h5")
+    done = haptic("surface", "plot", "s.h5", "--out", "a[bold]:x:.png")
+    assert done.status == 0
+    assert done.out == "picture: a[bold]:x:.png\n"
+
+
+def test_hints_of_the_doctor_keep_their_brackets(capsys):
+    check = Check("force sensor", Status.FAILED, "there is none in the rig's file", "add a section [force_sensor]")
+    doctor._show(load_rig("paper"), [check])
+    assert "[force_sensor]" in capsys.readouterr().out
+
+
+def test_an_error_is_printed_as_it_is(monkeypatch):
+    shown = terminal(markup=False, emoji=False)
+    monkeypatch.setattr(output, "stderr", shown)
+    output.report_error(BadInputError("x", r"no [bold] \[here] :x:", "[points] 1"), as_json=False)
+    said = shown.file.getvalue()
+    assert r" no [bold] \[here] :x:" in said
+    assert " [points] 1" in said
+
+
+def test_json_is_out_before_the_command_ends(monkeypatch):
+    """A reader of a daemon's pipe waits for the line, and the daemon runs on."""
+    buffer = io.BytesIO()
+    pipe = io.TextIOWrapper(io.BufferedWriter(Unbuffered(buffer)), write_through=False)
+    monkeypatch.setattr(sys, "stdout", pipe)
+    output.report(True, {"socket": "d.sock"}, lambda: None)
+    assert buffer.getvalue() == b'{"socket": "d.sock"}\n'
+
+
+class Unbuffered(io.RawIOBase):
+    def __init__(self, into):
+        self.into = into
+
+    def writable(self):
+        return True
+
+    def write(self, data):
+        return self.into.write(bytes(data))
+
+
+@pytest.mark.parametrize("steps", [range(1001), [32, 64, 700, 1000]], ids=["by one", "by blocks"])
+def test_the_bar_follows_steps_of_any_size(monkeypatch, steps):
+    """A step that was no multiple of a two-hundredth of all was once not shown, the last one neither."""
+    shown = terminal()
+    monkeypatch.setattr(output, "stderr", shown)
+    with output.progress("exporting", 1000) as advance:
+        for done in steps:
+            advance(done)
+    assert "1000/1000" in shown.file.getvalue()
