@@ -23,7 +23,8 @@ COMMAS = "Save it with commas between the columns and points in the numbers: 0.5
 class Table:
     """The cells of a file as text, without the spaces around them: each of `rows` by column, `lines` where it stands.
 
-    A row that ends early has empty cells; empty rows, and empty columns without a name at the end, are left out.
+    A row that ends early has empty cells; empty rows, lines that begin with #, and empty columns without a name at the
+    end are left out.
     `wanted` is the hint that says what the file must look like; `content_hash` the SHA-256 of the file.
     """
 
@@ -33,6 +34,10 @@ class Table:
     lines: list[int]
     wanted: str
     content_hash: str
+
+    def require(self, column: str) -> None:
+        """ModelError where there is no such column."""
+        _require(self.path, self.columns, column, self.wanted)
 
     def text(self, column: str) -> list[str]:
         """One column as it is written."""
@@ -73,13 +78,13 @@ def read_table(path: Path, required: Sequence[str], wanted: str) -> Table:
         content = read_bytes(path)
         text = as_text(path, content)
     except ModelError as error:
-        raise ModelError(error.message, f"{error.hint}. {wanted}", "bad_table") from None
+        raise ModelError(error.message, f"{error.hint}. {wanted}", error.code) from None
     reader = csv.reader(io.StringIO(text, newline=""))
     try:
         numbered = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader]
     except csv.Error as error:
         raise ModelError(f"{path}, line {reader.line_num}: is not CSV ({error})", wanted, "bad_table") from None
-    numbered = [(line, cells) for line, cells in numbered if any(cells)]
+    numbered = [(line, cells) for line, cells in numbered if any(cells) and not cells[0].startswith("#")]
     columns = _without_empty_end(numbered[0][1]) if numbered else []
     _check_columns(path, columns, required, wanted)
     rows = [_row(f"{path}, line {line}", columns, cells) for line, cells in numbered[1:]]
@@ -99,12 +104,16 @@ def _check_columns(path: Path, columns: list[str], required: Sequence[str], want
         if len(columns) == 1 and separator in columns[0]:
             raise ModelError(f"{path}: its columns are separated by {name}", f"{COMMAS}. {wanted}", "bad_table")
     for column in required:
-        if column not in columns:
-            found = f"; found: {', '.join(columns)}" if columns else " (the file is empty)"
-            raise ModelError(f"{path}: column {column} is missing{found}", wanted, "missing_column")
+        _require(path, columns, column, wanted)
     for column in columns:
         if columns.count(column) > 1:
             raise ModelError(f"{path}: column {column!r} stands more than once", "Keep one of them", "bad_table")
+
+
+def _require(path: Path, columns: list[str], column: str, wanted: str) -> None:
+    if column not in columns:
+        found = f"; found: {', '.join(columns)}" if columns else " (the file is empty)"
+        raise ModelError(f"{path}: column {column} is missing{found}", wanted, "missing_column")
 
 
 def _row(where: str, columns: list[str], cells: list[str]) -> dict[str, str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import struct
 import tokenize
 import zipfile
@@ -16,12 +15,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import read_bytes, read_text
+from haptic_driver.files import bad_input, read_bytes, read_text
 from haptic_driver.textures.description import HIGHEST_COF, LOWEST_COF
+from model.tables import read_table
 
 FloatArray = NDArray[np.float64]
 
 LARGEST_MAP_PIXELS = 64_000_000
+PROFILE_HINT = "Begin with the line: position_mm,cof"
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_GREY = 0  # colour type of the PNG specification, section 11.2.1
@@ -148,48 +149,21 @@ def _require_map_size(path: Path, rows: int, columns: int) -> None:
 
 def read_profile(path: Path) -> tuple[list[float], list[float]]:
     """Positions in metres and frictions of a CSV file with columns position_mm or position_m, and cof."""
-    header, lines = read_table(path)
-    in_mm = "position_mm" in header and "position_m" not in header
-    position, metres = ("position_mm", 1e-3) if in_mm else ("position_m", 1.0)
-    for name in (position, "cof"):
-        if name not in header:
-            raise BadInputError(
-                "bad_profile",
-                f"{path} has no column '{name}' (its first line: {','.join(header)[:60] or 'none'})",
-                "begin with the line: position_mm,cof",
-            )
-    positions: list[float] = []
-    cofs: list[float] = []
-    for line, cells in lines:
-        along = _number(path, line, cells[position], "profile")
-        cof = _number(path, line, cells["cof"], "profile")
-        if not math.isfinite(along) or (positions and along <= positions[-1]):
-            raise _bad_profile(path, line, f"{position} {along:g}", "positions increase from line to line")
-        if not LOWEST_COF <= cof <= HIGHEST_COF:
-            raise _bad_profile(path, line, f"cof {cof:g}", f"cof lies in {LOWEST_COF} to {HIGHEST_COF}")
-        positions.append(along)
-        cofs.append(cof)
-    if len(cofs) < 2:
-        raise BadInputError("bad_profile", f"{path} has {len(cofs)} points", "give at least two")
-    return [along * metres for along in positions], cofs
-
-
-def _bad_profile(path: Path, line: int, problem: str, hint: str) -> BadInputError:
-    return BadInputError("bad_profile", f"{path} line {line}: {problem}", hint)
-
-
-def read_table(path: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
-    """The names in the first line of a CSV file, and line number and cells by name of every line after it."""
-    lines = _csv_lines(path)
-    header = [name.strip() for name in lines[0][1]] if lines else []
-    for line, cells in lines[1:]:
-        if len(cells) != len(header):
-            raise BadInputError(
-                "bad_table",
-                f"{path} line {line}: {len(cells)} values",
-                f"give {len(header)}, as the first line says",
-            )
-    return header, [(line, dict(zip(header, map(str.strip, cells), strict=True))) for line, cells in lines[1:]]
+    with bad_input():
+        table = read_table(path, ["cof"], PROFILE_HINT)
+        in_mm = "position_mm" in table.columns and "position_m" not in table.columns
+        position, metres = ("position_mm", 1e-3) if in_mm else ("position_m", 1.0)
+        table.require(position)
+        along, cof = table.numbers(position), table.numbers("cof")
+    for row in np.flatnonzero(~((cof >= LOWEST_COF) & (cof <= HIGHEST_COF))).tolist():
+        hint = f"cof lies in {LOWEST_COF} to {HIGHEST_COF}"
+        raise BadInputError("bad_profile", f"{table.where(row)}: cof {cof[row]:g}", hint)
+    for row in (1 + np.flatnonzero(np.diff(along) <= 0.0)).tolist():
+        hint = "positions increase from line to line"
+        raise BadInputError("bad_profile", f"{table.where(row)}: {position} {along[row]:g}", hint)
+    if cof.size < 2:
+        raise BadInputError("bad_profile", f"{path} has {cof.size} points", "give at least two")
+    return (along * metres).tolist(), cof.tolist()
 
 
 def _csv_lines(path: Path) -> list[tuple[int, list[str]]]:

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.files import bad_input
 from haptic_driver.render.texture import Interpolation, Script, Step, Texture, Uniform
-from haptic_driver.textures import files
 from haptic_driver.textures.description import SCRIPT_HINT, ScriptDescription, StepDescription, nearest, parse_step
+from model.tables import read_table
 
 COLUMNS = ("time_s", "cof", "texture", "interpolation", "label")
 NUMBERS = ("time_s", "cof")
@@ -18,8 +19,8 @@ NUMBERS = ("time_s", "cof")
 
 def is_script(path: Path) -> bool:
     """Whether the first line of a CSV file has a column of times."""
-    header, _ = files.read_table(path)
-    return "time_s" in header
+    with bad_input():
+        return "time_s" in read_table(path, [], SCRIPT_HINT).columns
 
 
 def build(described: ScriptDescription, path: Path, load: Callable[[str], Texture]) -> Script:
@@ -33,28 +34,20 @@ def build(described: ScriptDescription, path: Path, load: Callable[[str], Textur
 
 def read(path: Path, load: Callable[[str], Texture], interpolation: Interpolation = "hold") -> Script:
     """The script in a CSV file with columns time_s, cof or texture, and if you like label and interpolation."""
-    header, lines = files.read_table(path)
-    for name in header:
+    with bad_input():
+        table = read_table(path, ["time_s"], SCRIPT_HINT)
+    for name in table.columns:
         if name not in COLUMNS:
             raise BadInputError(
                 "bad_script", f"{path}: unknown column '{name}'", nearest(name, list(COLUMNS)) + SCRIPT_HINT
             )
     steps = []
-    for line, cells in lines:
-        where = f"{path} line {line}"
-        steps.append((where, parse_step({k: _value(where, k, v) for k, v in cells.items() if v}, where)))
+    for row, cells in enumerate(table.rows):
+        given: dict[str, Any] = {column: text for column, text in cells.items() if text}
+        with bad_input():
+            given |= {column: table.number(row, column) for column in NUMBERS if column in given}
+        steps.append((table.where(row), parse_step(given, table.where(row))))
     return _script(path, steps, load, interpolation)
-
-
-def _value(where: str, column: str, text: str) -> Any:
-    if column not in NUMBERS:
-        return text
-    try:
-        return float(text)
-    except ValueError:
-        raise BadInputError(
-            "bad_script", f"{where}: {column} {text[:40]!r} is no number", "use numbers such as 0.62"
-        ) from None
 
 
 def _script(

@@ -26,7 +26,14 @@ def rows(count=20, step_s=0.005, start_s=0.0):
 def refused(path):
     with pytest.raises(BadInputError) as error:
         read_slide(path)
-    assert error.value.code in ("bad_slide", "bad_table", "missing_column", "not_a_number")
+    assert error.value.code in (
+        "bad_slide",
+        "bad_table",
+        "missing_column",
+        "not_a_number",
+        "file_not_found",
+        "file_unreadable",
+    )
     assert str(path) in error.value.message
     assert error.value.hint
     return error.value

@@ -82,7 +82,7 @@ def test_what_is_no_number_is_named_with_file_line_and_column(tmp_path, text: st
         ("a,c\n1,2\n", "missing_column", "column b is missing; found: a, c", WANTED),
         ("", "missing_column", "column a is missing (the file is empty)", WANTED),
         ("\n ,\n", "missing_column", "(the file is empty)", WANTED),
-        (b"\xff\xfea\x00", "bad_table", "is not UTF-8 text (byte 0)", WANTED),
+        (b"\xff\xfea\x00", "file_unreadable", "is not UTF-8 text (byte 0)", WANTED),
         ("a,b\n" + "9" * 200_000, "bad_table", "line 2: is not CSV", WANTED),
     ],
 )

@@ -254,30 +254,32 @@ class TestProfiles:
     @pytest.mark.parametrize(
         ("text", "words"),
         [
-            ("", "no column 'position_m'"),
-            ("position_m;cof\n0;0.5\n", "no column 'position_m' (its first line: position_m;cof)"),
-            ("position_m,mu\n0,0.5\n", "no column 'cof'"),
+            ("", "column cof is missing (the file is empty)"),
+            ("position_m;cof\n0;0.5\n", "its columns are separated by semicolons"),
+            ("position_m,mu\n0,0.5\n", "column cof is missing; found: position_m, mu"),
+            ("along,cof\n0,0.5\n", "column position_m is missing; found: along, cof"),
             ("position_m,cof\n", "has 0 points"),
             ("position_m,cof\n0,0.5\n", "has 1 points"),
             ("position_m,cof\n0,0.5\n0,0.6\n", "line 3: position_m 0"),
             ("position_m,cof\n0.2,0.5\n\n0.1,0.6\n", "line 4: position_m 0.1"),
-            ("position_m,cof\n0,0.5\nnan,0.6\n", "line 3: position_m nan"),
-            ("position_m,cof\n0,0.5\ninf,0.6\n", "line 3: position_m inf"),
-            ("position_m,cof\n0,nan\n1,0.6\n", "line 2: cof nan"),
+            ("position_m,cof\n0,0.5\nnan,0.6\n", "line 3: position_m is 'nan', not a number"),
+            ("position_m,cof\n0,0.5\ninf,0.6\n", "line 3: position_m is 'inf', not a number"),
+            ("position_m,cof\n0,nan\n1,0.6\n", "line 2: cof is 'nan', not a number"),
             ("position_m,cof\n0,0.5\n1,7\n", "line 3: cof 7"),
-            ("position_m,cof\n0,0.5\n1\n", "line 3: 1 values"),
-            ("position_m,cof\n0,0.5\n1,x\n", "line 3: 'x' is no number"),
+            ("position_m,cof\n0,0.5\n1\n", "line 3: cof is '', not a number"),
+            ("position_m,cof\n0,0.5\n1,x\n", "line 3: cof is 'x', not a number"),
         ],
     )
     def test_fault_is_named_with_file_and_line(self, folder, text, words):
         error = refused(folder, text, "profile.csv")
-        assert error.code == ("bad_table" if "values" in words else "bad_profile")
+        codes = {"missing": "missing_column", "separated": "bad_table", "not a number": "not_a_number"}
+        assert error.code == next((code for said, code in codes.items() if said in words), "bad_profile")
         assert words in error.message
         assert error.hint
 
     def test_a_field_beyond_all_measure_is_no_csv(self, folder):
         error = refused(folder, "position_m,cof\n0,0.5\n1," + "9" * 200_000, "profile.csv")
-        assert error.code == "file_unreadable"
+        assert error.code == "bad_table"
 
     def test_fault_through_toml_names_both_files(self, folder):
         error = refused(folder, 'kind = "profile"\nfile = "p.csv"')

@@ -83,8 +83,8 @@ def test_shipped_script():
         ("time_s,cof\n", "fewer than two steps"),
         ("time_s,cof\n1,0.6\n1,0.7\n", "line 3: time_s 1 comes after 1"),
         ("time_s,cof\n0,0.6\n-1,0.7\n", "line 3: key 'time_s'"),
-        ("time_s,cof\n0,0.6\nnan,0.7\n", "line 3: key 'time_s'"),
-        ("time_s,cof\n0,0.6\nx,0.7\n", "line 3: time_s 'x' is no number"),
+        ("time_s,cof\n0,0.6\nnan,0.7\n", "line 3: time_s is 'nan', not a number"),
+        ("time_s,cof\n0,0.6\nx,0.7\n", "line 3: time_s is 'x', not a number"),
         ("time_s,cof\n0,-0.6\n1,0.7\n", "line 2: key 'cof'"),
         ("time_s,cof,texture\n0,0.6,uniform\n1,0.7,\n", "line 2: a step has either a cof or a texture"),
         ("time_s,cof\n0,\n1,0.7\n", "line 2: a step has either a cof or a texture"),
@@ -93,7 +93,7 @@ def test_shipped_script():
         ("time_s,texture\n0,steps\n1,linen\n", "steps.toml is a script itself"),
         ("time_s,texture\n0,script.csv\n1,linen\n", "script.csv is a script itself"),
         ("time_s,mu\n0,0.6\n1,0.7\n", "unknown column 'mu'"),
-        ("time_s,cof\n0,0.6\n1\n", "line 3: 1 values"),
+        ("time_s,cof\n0,0.6\n1\n", "line 3: a step has either a cof or a texture"),
     ],
 )
 def test_fault_is_named_with_its_line(folder, text, words):
