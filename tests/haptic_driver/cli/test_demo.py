@@ -85,8 +85,8 @@ def test_for_a_person(haptic, surface_path, tmp_path):
         (["--texture", "gratin"], "unknown_texture", "grating"),
         (["--rig", "simulatd"], "unknown_rig", "simulated"),
         (["--model", "refrence"], "unknown_model", "reference"),
-        (["--trace", "none.csv"], "bad_table", "CSV"),
-        (["--trace", str(OWN / "textures" / "linen.png")], "bad_table", "CSV"),
+        (["--trace", "none.csv"], "file_not_found", "CSV"),
+        (["--trace", str(OWN / "textures" / "linen.png")], "file_unreadable", "CSV"),
     ],
 )
 def test_what_it_cannot_use(demo, arguments, code, words):

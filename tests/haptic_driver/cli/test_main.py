@@ -40,7 +40,7 @@ WRONG = [
     (["solve", "--friction", "0.6", "--model", "refrence"], "unknown_model", "refrence"),
     (["solve", "--friction", "0.6", "--rig", "simulatd"], "unknown_rig", "simulatd"),
     (["surface", "info", "none.h5"], "surface_not_found", "none.h5"),
-    (["predict", "--table", "none.csv", "--out", "out.csv"], "bad_table", "none.csv"),
+    (["predict", "--table", "none.csv", "--out", "out.csv"], "file_not_found", "none.csv"),
     (["demo", "--texture", "gratin"], "unknown_texture", "gratin"),
 ]
 
