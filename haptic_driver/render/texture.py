@@ -145,8 +145,9 @@ class Grating(Texture):
         return self.mean_cof + self.amplitude_cof * math.sin(math.tau * along_m / self.period_m + self.phase_rad)
 
     def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-        along_m = x_m * math.cos(self.direction_rad) + y_m * math.sin(self.direction_rad)
-        wave: FloatArray = np.sin(math.tau * along_m / self.period_m + self.phase_rad)
+        rad_per_m = math.tau / self.period_m
+        across, along = rad_per_m * math.cos(self.direction_rad), rad_per_m * math.sin(self.direction_rad)
+        wave: FloatArray = np.sin(across * x_m + along * y_m + self.phase_rad)
         return self.mean_cof + self.amplitude_cof * wave
 
 
