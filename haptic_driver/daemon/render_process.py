@@ -210,18 +210,22 @@ class Renderer:
     def _doubts(self, order: Order, sensed: Sensed, now_s: float) -> int:
         """Flags for why output may not go on; 0 while it may."""
         doubts = _SATURATED_SENSOR if sensed.saturated else 0
-        if now_s - min(sensed.finger_time_s, sensed.force_time_s) > self._settings.stale_s:
+        if self._is_stale(sensed, now_s):
             doubts |= _STALE_SENSOR
         if now_s > order.lease_until_s or now_s - order.beat_s > self._settings.silence_s:
             doubts |= _LEASE_LOST
         return doubts
+
+    def _is_stale(self, sensed: Sensed, now_s: float) -> bool:
+        return now_s - min(sensed.finger_time_s, sensed.force_time_s) > self._settings.stale_s
 
     def _sample(self, due: Due, sensed: Sensed, done: Tick, output: Output, kept: Kept) -> tuple[float, ...]:
         """The fields of SAMPLE."""
         finger = done.finger
         speed_m_s = math.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
         sliding = finger.in_contact and speed_m_s >= SLIDING_M_S and sensed.normal_force_n > 0.0
-        measured = abs(sensed.lateral_force_n) / sensed.normal_force_n if sliding else math.nan
+        known = sliding and not self._is_stale(sensed, due.due_s)
+        measured = abs(sensed.lateral_force_n) / sensed.normal_force_n if known else math.nan
         return (
             due.number, due.due_s, due.lateness_s, self._clock() - due.due_s - due.lateness_s,
             sensed.finger_time_s, sensed.position_x_m, sensed.position_y_m,

@@ -248,8 +248,7 @@ function showFigures(status, newest) {
   say("latency", `${fixed(total === undefined ? null : total * 1e3, 1, " ms")}${shares.length ? `: ${shares.join(", ")}` : ""}`);
   say("tick_count", status.ticks.toLocaleString("en"));
   say("recording", status.recording ?? "none");
-  say("model", status.model);
-  say("surface_hash", status.surface_hash.slice(0, 12));
+  say("surface_hash", `${status.model.split("/").at(-1)}, surface ${status.surface_hash.slice(0, 12)}`);
   showFlags(status.flags);
 }
 

@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from haptic_driver.daemon import set_up
@@ -247,6 +248,19 @@ def test_measured_friction_is_told_of_a_sliding_finger_only(bench):
     bench.touching = False
     bench.run(0.05)
     assert math.isnan(bench.shared.ring.read(0).samples[-1]["measured_cof"])
+
+
+def test_friction_is_not_measured_by_sensors_that_are_silent(bench):
+    """Found on the page: after a fault the last friction stood there as a straight line."""
+    bench.lateral_n = 0.3
+    bench.render()
+    bench.run(0.05)
+    assert bench.shared.ring.read(0).samples[-1]["measured_cof"] == pytest.approx(0.6)
+    bench.sensing = False
+    bench.run(0.2)
+    measured = bench.shared.ring.read(0).samples["measured_cof"]
+    assert np.isfinite(measured[-110])
+    assert np.isnan(measured[-90:]).all()
 
 
 def test_a_ramp_begins_again_after_trust_has_returned():
