@@ -32,6 +32,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell w
 from hw.watchdog import Watchdog, WatchdogSettings
 dog = Watchdog(WatchdogSettings(sys.argv[1], period_s=float(sys.argv[2])))
 dog.start()
+dog.beat()  # it counts from the first
 print(dog.pid, flush=True)
 while True:
     dog.beat()
