@@ -6,6 +6,7 @@ import importlib
 import importlib.util
 import inspect
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -29,6 +30,7 @@ from haptic_driver.experiments.bench import SimulatedBench
 from haptic_driver.experiments.data_file import DataFile
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.run import Experiment, prepare, run
+from haptic_driver.experiments.stage_bench import StageBench
 from haptic_driver.rig import OffEvidence
 from haptic_driver.simulated_rig import FrictionLaw, with_hidden
 from model.touch_model import TouchModel
@@ -55,18 +57,22 @@ def measure(
     hide_function: Annotated[
         str | None, typer.Option("--hide-function", help="module:function, the simulated finger's whole friction.")
     ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="A real rig begins without asking; somebody is there.")] = False,
     as_json: Json = False,
 ) -> None:
     """Measure friction over a plan's frequencies, voltages, loads and speeds.
 
     Points outside the rig's limits, with the finger currents that the model predicts, are listed first and never
-    energised. Every row is on the disk before the next begins. A simulated finger may be given effects that the model
-    does not know, as `[series_resistance] resistance_ohm = 2e4` in a file, or as any function `(frequency_hz,
-    voltage_v, normal_force_n, speed_m_s, time_s) -> lateral force in N`; the data do not say which.
+    energised. Every row is on the disk before the next begins. On a real rig the stage slides once per row, and waits
+    for the finger to press as the plan says. A simulated finger may be given effects that the model does not know, as
+    `[series_resistance] resistance_ohm = 2e4` in a file, or as any function `(frequency_hz, voltage_v, normal_force_n,
+    speed_m_s, time_s) -> lateral force in N`; the data do not say which.
 
     Example: `haptic measure --rig simulated --plan paper --out data.csv`
     """
-    config = _simulated(load_rig(rig))
+    config = load_rig(rig)
+    if not config.simulated and (hide is not None or hide_function is not None):
+        raise BadInputError("usage", f"rig {config.name} is real: nothing can be hidden in its finger", "Leave it out")
     if resume and force:
         raise BadInputError("usage", "--resume and --force contradict each other", "Give one of them")
     if hide is not None and hide_function is not None:
@@ -78,14 +84,14 @@ def measure(
     with_hidden(touch, config.simulation.hide)  # refused before anything is written
     experiment = prepare(config, touch, load_plan(plan), seed)
     _tell_refused(experiment, strict)
+    _ask(experiment, yes)
     identity = experiment.identity(source)
     opened = DataFile.resume(out, identity, experiment.rows) if resume else DataFile.create(out, identity, force=force)
     total = len(experiment.rows)
     with opened as data:
-        bench = SimulatedBench(config, touch, seed=experiment.seed, first_row=data.done, friction=law)
         try:
-            with bench, progress("measuring", total) as advance:
-                off = run(experiment, bench, data, advance)
+            with progress("measuring", total) as advance, _bench(experiment, data.done, law, advance.tell) as bench:
+                off = run(experiment, bench, data, advance, advance.tell)
         except KeyboardInterrupt as stop:
             raise HapticError(
                 "interrupted", f"interrupted; {data.done} of {total} rows are in {out}, the output is off",
@@ -103,14 +109,30 @@ def measure(
     report(as_json, payload, lambda: _show(experiment, out, off))
 
 
-def _simulated(config: RigConfig) -> RigConfig:
-    if not config.simulated:
-        raise BadInputError(
-            "not_simulated",
-            f"rig {config.name} is not simulated, and haptic measure runs on simulated rigs only so far",
-            "Measure on a simulated rig, such as --rig simulated",
-        )
-    return config
+def _bench(
+    experiment: Experiment, done: int, law: FrictionLaw | None, tell: Callable[[str], None]
+) -> SimulatedBench | StageBench:
+    config, plan = experiment.config, experiment.plan
+    if config.simulated:
+        return SimulatedBench(config, experiment.model, seed=experiment.seed, first_row=done, friction=law)
+    return StageBench(config, plan, tell)
+
+
+def _ask(experiment: Experiment, yes: bool) -> None:
+    """A real rig is energised and moved only while somebody is there who has said so."""
+    if yes or experiment.config.simulated:
+        return
+    highest_v = max((row.setting.voltage_v for row in experiment.rows), default=0.0)
+    stderr.print(
+        f"rig {experiment.config.name} is real: {len(experiment.rows)} rows, up to {highest_v:g} V peak, at least "
+        f"{experiment.duration_s / 60:.0f} min; the stage will move, and home if it has not.\n"
+        "Take the finger off the screen: the force sensor's bias comes first."
+    )
+    if not sys.stdin.isatty():
+        said = f"rig {experiment.config.name} is real, and nobody was asked whether to begin: no terminal"
+        raise BadInputError("not_attended", said, "Run it on a terminal, or give --yes while somebody watches the rig")
+    if not typer.confirm("Begin?", err=True):
+        raise BadInputError("not_attended", "not begun: nothing was moved or energised", "Answer y to begin")
 
 
 def _hiding(config: RigConfig, path: Path) -> RigConfig:
@@ -172,9 +194,12 @@ def _tell_refused(experiment: Experiment, strict: bool) -> None:
 
 
 def _show(experiment: Experiment, out: Path, off: OffEvidence) -> None:
-    measured = f"{len(experiment.rows)} rows of plan '{experiment.plan.name}' on a "
-    where = f" rig -> {out} ({experiment.duration_s / 60:.1f} min of simulated time)"
-    stdout.print(Text.assemble(measured, SIMULATED, where))
+    measured = f"{len(experiment.rows)} rows of plan '{experiment.plan.name}' on "
+    if experiment.config.simulated:
+        minutes = f" rig -> {out} ({experiment.duration_s / 60:.1f} min of simulated time)"
+        stdout.print(Text.assemble(measured, "a ", SIMULATED, minutes))
+    else:
+        stdout.print(f"{measured}rig {experiment.config.name} -> {out}")
     if experiment.skipped:
         stdout.print(f"{experiment.skipped} rows skipped: outside the rig's limits")
     stdout.print(f"output at the end: {off}")

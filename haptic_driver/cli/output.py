@@ -65,22 +65,33 @@ def report_error(error: HapticError, as_json: bool) -> None:
         sys.stdout.write(json.dumps({"error": content}) + "\n")
 
 
+class Advance:
+    """Called with the number of steps done, in steps of any size; `tell` says what is being done or waited for."""
+
+    def __init__(self, bar: Progress, what: str, total: int) -> None:
+        self._bar = bar
+        self._task = bar.add_task(what, total=total)
+        self._total = total
+        self._every = max(total // 200, 1)
+        self._shown = 0
+
+    def __call__(self, done: int) -> None:
+        """Redraw, if it is worth it."""
+        if done - self._shown >= self._every or done >= self._total:
+            self._shown = done
+            self._bar.update(self._task, completed=done)
+
+    def tell(self, what: str) -> None:
+        """Instead of what was said before."""
+        self._bar.update(self._task, description=what)
+
+
 @contextmanager
-def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A function to call with the number of steps done, in steps of any size; draws on stderr, only on a terminal."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    every = max(total // 200, 1)
+def progress(what: str, total: int) -> Iterator[Advance]:
+    """A bar on stderr, and only on a terminal."""
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal) as bar:
-        task = bar.add_task(what, total=total)
-        shown = 0
-
-        def advance(done: int) -> None:
-            nonlocal shown
-            if done - shown >= every or done >= total:
-                shown = done
-                bar.update(task, completed=done)
-
-        yield advance
+        yield Advance(bar, what, total)
 
 
 @contextmanager

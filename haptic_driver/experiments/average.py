@@ -1,4 +1,4 @@
-"""A steady window of force readings -> friction and its standard error."""
+"""A steady window of force readings -> friction, its standard error, and the load."""
 
 from __future__ import annotations
 
@@ -13,23 +13,26 @@ Array = NDArray[np.float64]
 WINDOW_FACTOR = 3.0  # the autocorrelation is summed over this many correlation times: least error for wobbles as here
 
 
-class Friction(NamedTuple):
-    """Coefficient of friction and the standard error (1 sigma) of this mean."""
+class Measured(NamedTuple):
+    """Coefficient of friction, the standard error (1 sigma) of this mean, mean load, and the middle of the window."""
 
     cof: float
     cof_std: float
+    normal_force_n: float
+    time_s: float
 
     @property
     def valid(self) -> bool:
-        """Whether both are numbers that data may hold."""
-        return isfinite(self.cof) and isfinite(self.cof_std) and self.cof > 0.0 and self.cof_std > 0.0
+        """Whether all are numbers that data may hold."""
+        return all(map(isfinite, self)) and self.cof > 0.0 and self.cof_std > 0.0
 
 
-def friction(lateral_n: Array, normal_n: Array) -> Friction:
+def average(time_s: Array, lateral_n: Array, normal_n: Array) -> Measured:
     """Ratio of the mean forces of n evenly spaced readings, with the error that their scatter implies."""
     normal = float(np.mean(normal_n))
     cof = float(np.mean(lateral_n)) / normal
-    return Friction(cof, standard_error((lateral_n - cof * normal_n) / normal))
+    error = standard_error((lateral_n - cof * normal_n) / normal)
+    return Measured(cof, error, normal, float(np.mean(time_s)))
 
 
 def standard_error(series: Array) -> float:

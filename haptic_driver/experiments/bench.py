@@ -1,4 +1,7 @@
-"""The rig and the finger that is measured on it; here the simulated one, with what makes real data scatter."""
+"""The rig and the finger that is measured on it; here the simulated one, with what makes real data scatter.
+
+The real one is `haptic_driver.experiments.stage_bench`.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,15 @@ from typing import Protocol, Self
 import numpy as np
 
 from haptic_driver.config import RigConfig
+from haptic_driver.experiments.plan import Row
 from haptic_driver.rig import Rig
 from haptic_driver.simulated_rig import FrictionLaw, SimulatedRig
+from hw.force_sensor import ForceReading
 from model.touch_model import TouchModel
 
 
 class Bench(Protocol):
-    """A rig and a finger that slides over it for as long as it is told."""
+    """A rig, connected, and a finger that slides over it for as long as it is told."""
 
     @property
     def rig(self) -> Rig:
@@ -29,11 +34,17 @@ class Bench(Protocol):
     def begin_session(self, session: int, time_s: float) -> None:
         """A finger comes to the rig; the clock of its force readings stands at `time_s`."""
 
-    def begin_row(self, number: int) -> None:
-        """The finger is about to touch for a row."""
+    def begin_row(self, number: int, row: Row) -> None:
+        """The finger touches for a row; on return it slides, or will with the first step."""
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
         """The finger presses and slides so for `dt_s`; without a load it is lifted."""
+
+    def read_force(self) -> ForceReading:
+        """The force sensor's present reading, its time on the session's clock."""
+
+    def end_row(self) -> None:
+        """The row's last force is read; HapticError when the finger did not slide as it should have."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +102,7 @@ class SimulatedBench:
         self._session_gain = exp(self._scatter.session_gain * draw)
         self.simulated.plant.time_s = time_s
 
-    def begin_row(self, number: int) -> None:
+    def begin_row(self, number: int, row: Row) -> None:
         """See `Bench`."""
         self._random = np.random.default_rng([*self._seed, 2, number])
         self._wobble = float(self._random.standard_normal())
@@ -104,9 +115,21 @@ class SimulatedBench:
         self.simulated.step(dt_s, normal_force_n, speed_m_s)
         self._time_s += dt_s
 
+    def read_force(self) -> ForceReading:
+        """See `Bench`."""
+        return self.rig.read_force()
+
+    def end_row(self) -> None:
+        """See `Bench`; a simulated finger slides as it is told."""
+
     def __enter__(self) -> Self:
-        """Serve the instruments."""
+        """Serve the instruments and connect to them."""
         self.simulated.__enter__()
+        try:
+            self.rig.connect()
+        except BaseException:
+            self.simulated.__exit__(None, None, None)
+            raise
         return self
 
     def __exit__(

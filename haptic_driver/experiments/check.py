@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_driver.config import RigConfig
-from haptic_driver.experiments.plan import Setting
+from haptic_driver.experiments.plan import Plan, Setting
+from haptic_driver.experiments.stroke import beyond_stage, stage_of
 from haptic_driver.render.safety import violation
 from haptic_driver.signals import OperatingPoint
 from hw.waveform_generator import AMPLITUDE_HIGH_VPP, AMPLITUDE_LOW_VPP
@@ -29,9 +30,12 @@ class Refusal(NamedTuple):
 
 
 def check(
-    settings: Sequence[Setting], config: RigConfig, model: TouchModel
+    settings: Sequence[Setting], plan: Plan, config: RigConfig, model: TouchModel
 ) -> tuple[dict[Setting, OperatingPoint], list[Refusal]]:
-    """The operating points of what `config` permits, with the currents that `model` predicts, and all refusals."""
+    """The operating points of what `config` permits, with the currents that `model` predicts, and all refusals.
+
+    `settings` are `plan`'s, or without voltage; its times decide how long a slide is.
+    """
     table = np.array(settings, dtype=np.float64).reshape(-1, len(Setting._fields))
     answer = model.predict(Conditions(table[:, 0], table[:, 1], table[:, 2], speed_m_s=table[:, 3]))
     limits = config.operating_limits()
@@ -41,7 +45,12 @@ def check(
         cof = float(answer.cof[i])
         currents = float(answer.current_rms_a[i]), float(answer.stuck_current_rms_a[i])
         point = OperatingPoint(setting.frequency_hz, setting.voltage_v, cof, *currents, True, cof, cof)
-        reason = _beyond_generator(setting, config) or _no_equilibrium(cof) or violation(limits, point)
+        reason = (
+            _beyond_generator(setting, config)
+            or _beyond_stage(setting, plan, config)
+            or _no_equilibrium(cof)
+            or violation(limits, point)
+        )
         if reason is None:
             points[setting] = point
         else:
@@ -54,6 +63,11 @@ def _beyond_generator(setting: Setting, config: RigConfig) -> str | None:
     if setting.voltage_v == 0.0 or low_v <= setting.voltage_v <= high_v:
         return None
     return f"{setting.voltage_v:g} V is outside {low_v:g}..{high_v:g} V, what the generator can make"
+
+
+def _beyond_stage(setting: Setting, plan: Plan, config: RigConfig) -> str | None:
+    """A simulated finger slides as far as it is told."""
+    return None if config.simulated else beyond_stage(setting, plan, stage_of(config), config.output)
 
 
 def _no_equilibrium(cof: float) -> str | None:

@@ -19,14 +19,14 @@ from types import TracebackType
 from typing import Any, Self, TextIO
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.experiments.average import Friction
+from haptic_driver.experiments.average import Measured
 from haptic_driver.experiments.plan import Row
 from haptic_driver.files import not_written, replacing
 
 SETTING_COLUMNS = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "session", "trial")
 COLUMNS = (
     "frequency_hz", "voltage_v", "normal_force_n", "cof", "cof_std", "speed_m_s", "time_s", "session", "trial",
-    "simulated",
+    "measured_normal_force_n", "simulated",
 )  # fmt: skip
 HINT = "Give another --out, or --force to overwrite it"
 
@@ -89,8 +89,9 @@ class DataFile:
         try:
             content = path.read_bytes()
             whole = content[: content.rfind(b"\n") + 1]
-            table = list(csv.DictReader(io.StringIO(whole.decode("utf-8"))))
-            _check_rows(path, table, rows)
+            reader = csv.DictReader(io.StringIO(whole.decode("utf-8")))
+            table = list(reader)
+            _check_rows(path, reader.fieldnames, table, rows)
             if len(whole) < len(content):
                 os.truncate(path, len(whole))
             file = path.open("a", encoding="utf-8", newline="")
@@ -101,16 +102,21 @@ class DataFile:
             data._write(COLUMNS)
         return data
 
-    def append(self, row: Row, friction: Friction, time_s: float) -> None:
+    def append(self, row: Row, measured: Measured) -> None:
         """Write one row through to the disk."""
-        setting, answer = _setting_texts(row), (f"{friction.cof:.6g}", f"{friction.cof_std:.4g}")
-        simulated = "true" if self._simulated else "false"
+        texts = dict(zip(SETTING_COLUMNS, _setting_texts(row), strict=True)) | {
+            "cof": f"{measured.cof:.6g}",
+            "cof_std": f"{measured.cof_std:.4g}",
+            "time_s": f"{measured.time_s:.6f}",
+            "measured_normal_force_n": f"{measured.normal_force_n:.6g}",
+            "simulated": "true" if self._simulated else "false",
+        }
         try:
-            self._write([*setting[:3], *answer, setting[3], f"{time_s:.6f}", *setting[4:], simulated])
+            self._write([texts[name] for name in COLUMNS])
         except OSError as error:
             raise not_written(Path(self._file.name), error) from error
         self.done += 1
-        self.last_time_s = time_s
+        self.last_time_s = measured.time_s
 
     def _write(self, texts: Sequence[str]) -> None:
         self._file.write(",".join(texts) + "\n")
@@ -158,7 +164,9 @@ def _check_identity(path: Path, identity: Identity) -> None:
         raise BadInputError("not_resumable", f"{path}: was begun with {said}", f"Resume it as it was begun. {HINT}")
 
 
-def _check_rows(path: Path, table: list[dict[str, str]], rows: Sequence[Row]) -> None:
+def _check_rows(path: Path, header: Sequence[str] | None, table: list[dict[str, str]], rows: Sequence[Row]) -> None:
+    if header is not None and tuple(header) != COLUMNS:
+        raise BadInputError("not_resumable", f"{path}: has columns {', '.join(header)}", HINT)
     if len(table) > len(rows):
         raise BadInputError("not_resumable", f"{path}: has {len(table)} rows, the plan {len(rows)}", HINT)
     for line, (found, row) in enumerate(zip(table, rows, strict=False), start=2):

@@ -59,6 +59,7 @@ class PlanFile(_Section):
     settle_s: Annotated[FiniteFloat, Field(ge=0.1, le=600.0)] = 0.75
     average_s: Annotated[FiniteFloat, Field(ge=0.25, le=60.0)] = 1.0
     pause_s: Annotated[FiniteFloat, Field(ge=0.0, le=3600.0)] = 1.0
+    load_tolerance: Annotated[FiniteFloat, Field(ge=0.01, le=1.0)] = 0.1
 
 
 class Setting(NamedTuple):
@@ -87,6 +88,7 @@ class Plan:
     """What to measure. `voltage_off_every` n: a row without voltage before every n rows; 0 for none.
 
     A row lasts `settle_s`, then `average_s` over which friction is averaged, then `pause_s` with the finger lifted.
+    `load_tolerance` is the share of its load by which a row's mean may miss it.
     """
 
     name: str
@@ -100,6 +102,7 @@ class Plan:
     settle_s: float
     average_s: float
     pause_s: float
+    load_tolerance: float
 
     def rows(self, settings: Sequence[Setting], seed: int) -> list[Row]:
         """The order of measurement of `settings`, session by session, the same for the same seed."""

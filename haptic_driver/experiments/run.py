@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptic_driver.config import RigConfig
 from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.experiments.average import Friction, friction
+from haptic_driver.experiments.average import Measured, average
 from haptic_driver.experiments.bench import Bench
 from haptic_driver.experiments.check import Refusal, check
 from haptic_driver.experiments.data_file import DataFile, Identity
@@ -23,7 +24,11 @@ from haptic_driver.rig import OffEvidence, Rig, RigState
 from haptic_driver.signals import OperatingPoint
 from model.touch_model import TouchModel
 
-READING_S = 0.005  # between force readings
+Array = NDArray[np.float64]
+
+READING_S = 0.005  # between force readings; longer where sensor or output take longer
+LEAST_READINGS = 40  # in a window: fewer say nothing of their own scatter
+ATTEMPTS = 3  # at a row whose load was missed
 SETTLING_STEP_S = 0.05  # while waiting nothing is read
 
 
@@ -74,8 +79,10 @@ def prepare(config: RigConfig, model: TouchModel, plan: Plan, seed: int | None =
 
     Finger currents are those that `model` predicts. BadInputError when nothing is left to measure.
     """
-    points, refusals = check([s for s in plan.settings if s.voltage_v > 0.0], config, model)
-    without, _ = check(list({s.without_voltage(): None for s in plan.settings}), config, model)
+    points, refusals = check([s for s in plan.settings if s.voltage_v > 0.0], plan, config, model)
+    resting = list({s.without_voltage(): None for s in plan.settings})
+    without, refused = check(resting, plan, config, model)
+    refusals += [refusal for refusal in refused if refusal.setting in plan.settings]
     permitted = [s for s in plan.settings if s in points or s in without]
     if not permitted:
         raise BadInputError(
@@ -89,56 +96,86 @@ def prepare(config: RigConfig, model: TouchModel, plan: Plan, seed: int | None =
 
 
 def run(
-    experiment: Experiment, bench: Bench, data: DataFile, progress: Callable[[int], None] = lambda done: None
+    experiment: Experiment,
+    bench: Bench,
+    data: DataFile,
+    progress: Callable[[int], None] = lambda done: None,
+    tell: Callable[[str], None] = lambda what: None,
 ) -> OffEvidence:
-    """Measure what `data` does not have yet, row by row; `progress` is called with the number of rows done.
+    """Measure what `data` does not have yet, row by row, on a bench that has been entered.
 
-    The output is off between rows and when this returns or raises, whatever happens; HapticError when it cannot be
-    shown to be off.
+    `progress` is called with the number of rows done, `tell` with why a row is measured again. The output is off
+    between rows and when this returns or raises, whatever happens; HapticError when it cannot be shown to be off.
     """
-    rig = bench.rig
     session = 0
     try:
-        rig.connect()
         for number, row in enumerate(experiment.rows[data.done :], start=data.done):
             if row.session != session:
                 session = row.session
                 bench.begin_session(session, _session_time_s(experiment, data, session))
-            bench.begin_row(number)
-            measured, time_s = measure_row(experiment, bench, row)
-            data.append(row, measured, time_s)
+            data.append(row, _measure_under_its_load(experiment, bench, number, row, tell))
             progress(data.done)
     finally:
-        evidence = rig.off()
+        evidence = bench.rig.off()
     return _require_off(evidence)
 
 
-def measure_row(experiment: Experiment, bench: Bench, row: Row) -> tuple[Friction, float]:
-    """Friction of one row and the time at the middle of its window; the finger is lifted and the output off after."""
+def _measure_under_its_load(
+    experiment: Experiment, bench: Bench, number: int, row: Row, tell: Callable[[str], None]
+) -> Measured:
+    """A row whose mean load was the row's, at one of a few attempts."""
+    wanted_n, tolerance = row.setting.normal_force_n, experiment.plan.load_tolerance
+    for _ in range(ATTEMPTS):
+        measured = measure_row(experiment, bench, number, row)
+        if abs(measured.normal_force_n - wanted_n) <= tolerance * wanted_n:
+            return measured
+        missed = f"row {number + 1}: the load was {measured.normal_force_n:.3g} N, not {wanted_n:g} N"
+        tell(f"{missed}; once more")
+    raise HapticError(
+        "load_missed", f"{missed}, {ATTEMPTS} times", "Hold the load, or raise the plan's load_tolerance; then --resume"
+    )
+
+
+def measure_row(experiment: Experiment, bench: Bench, number: int, row: Row) -> Measured:
+    """What one row gives; the finger is lifted and the output off after."""
     plan, setting = experiment.plan, row.setting
-    count = round(plan.average_s / READING_S)
     try:
+        bench.begin_row(number, row)
         _bring_up(experiment, bench, setting)
         steps = ceil(plan.settle_s / SETTLING_STEP_S)
         for _ in range(steps):
             _slide(bench, plan.settle_s / steps, setting)
-        window = np.empty((count, 3))
-        for i in range(count):
-            _slide(bench, READING_S, setting)
-            reading = bench.rig.read_force()
-            if reading.saturated:
-                raise HapticError("saturated", f"the force sensor is at the end of its range ({reading})", "Lower load")
-            window[i] = reading.time_s, reading.lateral_force_n, reading.normal_force_n
+        window = _window(bench, plan.average_s, setting)
+        bench.end_row()
     finally:
         evidence = bench.rig.off()
     _require_off(evidence)
     bench.step(plan.pause_s, 0.0, 0.0)
-    measured = friction(window[:, 1], window[:, 2])
+    measured = average(window[:, 0], window[:, 1], window[:, 2])
     if not measured.valid:
         raise HapticError(
-            "no_friction", f"{row}: measured {measured}", "Check the force sensor and that the finger slides"
-        )
-    return measured, float(np.mean(window[:, 0]))
+            "no_friction", f"row {number + 1}, {setting}: measured {measured}",
+            "Check that the finger slides, and the force sensor's axes: both forces count positive",
+        )  # fmt: skip
+    return measured
+
+
+def _window(bench: Bench, average_s: float, setting: Setting) -> Array:
+    """Time, lateral and normal force [n, 3] of a window of `average_s`."""
+    readings: list[tuple[float, float, float]] = []
+    end_s = bench.time_s + average_s - 0.5 * READING_S
+    while bench.time_s < end_s:
+        _slide(bench, READING_S, setting)
+        reading = bench.read_force()
+        if reading.saturated:
+            raise HapticError("saturated", f"the force sensor is at the end of its range ({reading})", "Lower load")
+        readings.append((reading.time_s, reading.lateral_force_n, reading.normal_force_n))
+    if len(readings) < LEAST_READINGS:
+        raise HapticError(
+            "too_few_readings", f"only {len(readings)} force readings in {average_s:g} s, {LEAST_READINGS} are needed",
+            "Raise the plan's average_s; is the computer busy?",
+        )  # fmt: skip
+    return np.array(readings)
 
 
 def _slide(bench: Bench, dt_s: float, setting: Setting) -> None:

@@ -76,12 +76,13 @@ def test_overwriting_needs_force_and_resuming_changes_nothing_when_done(
     assert Path("data.csv").read_text() == first
 
 
-def test_a_rig_that_is_not_simulated_is_refused(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rig_whose_finger_nothing_slides_is_refused(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
     shipped = Path(__file__).parents[3] / "configs" / "rigs" / "simulated.toml"
     real = shipped.read_text().replace("simulated = true", "simulated = false")
     Path("real.toml").write_text(real.replace('resource = "simulated"', 'resource = "TCPIP::127.0.0.1::1::SOCKET"'))
-    assert main(["measure", "--rig", "real.toml", "--plan", plan, "--out", "data.csv"]) == 2
-    assert "runs on simulated rigs only" in " ".join(capsys.readouterr().err.split())
+    assert main(["measure", "--rig", "real.toml", "--plan", plan, "--out", "data.csv", "--yes"]) == 2
+    assert "has no stage" in " ".join(capsys.readouterr().err.split())
+    assert not Path("data.csv").exists()
 
 
 def cofs() -> list[float]:

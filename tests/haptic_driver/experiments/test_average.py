@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptic_driver.experiments.average import friction, standard_error
+from haptic_driver.experiments.average import average, standard_error
 
 
 def remembering(kept: float, count: int, repeats: int) -> np.ndarray:
@@ -27,11 +27,14 @@ def test_the_standard_error_covers_the_scatter_of_means(kept: float, tolerance: 
 
 def test_friction_is_the_ratio_of_mean_forces() -> None:
     normal = np.full(100, 0.5) + 0.01 * np.sin(np.arange(100))
-    measured = friction(0.6 * normal, normal)
+    measured = average(np.linspace(2.0, 4.0, 100), 0.6 * normal, normal)
     assert measured.cof == pytest.approx(0.6)
     assert measured.cof_std == pytest.approx(0.0, abs=1e-12)
+    assert measured.normal_force_n == pytest.approx(0.5, abs=0.001)
+    assert measured.time_s == pytest.approx(3.0)
 
 
 def test_nothing_measured_is_not_valid() -> None:
-    assert not friction(np.zeros(100), np.full(100, 0.5)).valid
-    assert not friction(np.full(100, np.nan), np.full(100, 0.5)).valid
+    time_s = np.arange(100.0)
+    assert not average(time_s, np.zeros(100), np.full(100, 0.5)).valid
+    assert not average(time_s, np.full(100, np.nan), np.full(100, 0.5)).valid

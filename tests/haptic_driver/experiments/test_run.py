@@ -15,9 +15,10 @@ from haptic_driver.config import RigConfig
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.bench import Scatter, SimulatedBench
 from haptic_driver.experiments.data_file import COLUMNS, DataFile, meta_path
-from haptic_driver.experiments.plan import Plan, load_plan
-from haptic_driver.experiments.run import Experiment, prepare, run
+from haptic_driver.experiments.plan import Plan, Row, load_plan
+from haptic_driver.experiments.run import ATTEMPTS, READING_S, Experiment, prepare, run
 from haptic_driver.simulated_rig import FrictionLaw, friction_of, with_hidden
+from hw.force_sensor import ForceReading
 from model.diagnosis.data import read_measurements
 from model.touch_model import TouchModel
 
@@ -346,12 +347,77 @@ def test_what_cannot_be_hidden_is_named(
     assert hint in caught.value.hint
 
 
+class Straying(SimulatedBench):
+    """The finger presses with another load than it should in the first `missed` rows that are begun."""
+
+    missed = 0
+    begun = 0
+
+    def begin_row(self, number: int, row: Row) -> None:
+        super().begin_row(number, row)
+        self.begun += 1
+
+    def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
+        super().step(dt_s, normal_force_n * (0.7 if self.begun <= self.missed else 1.0), speed_m_s)
+
+
+def test_a_row_whose_load_was_missed_is_measured_again(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+    experiment = prepare(config, model, small_plan())
+    bench, told = Straying(config, model, seed=1), list[str]()
+    bench.missed = ATTEMPTS - 1
+    with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
+        run(experiment, bench, data, tell=told.append)
+    wanted = experiment.rows[0].setting.normal_force_n
+    assert told == [f"row 1: the load was {0.7 * wanted:.3g} N, not {wanted:g} N; once more"] * (ATTEMPTS - 1)
+    for row in table(tmp_path / "data.csv"):
+        assert float(row["measured_normal_force_n"]) == pytest.approx(float(row["normal_force_n"]), rel=0.01)
+    assert bench.begun == len(experiment.rows) + ATTEMPTS - 1
+
+
+def test_a_load_missed_again_and_again_is_no_row(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+    experiment = prepare(config, model, small_plan())
+    bench = Straying(config, model, seed=1)
+    bench.missed = 1000
+    with (
+        DataFile.create(tmp_path / "data.csv", experiment.identity()) as data,
+        bench,
+        pytest.raises(HapticError, match="load was") as error,
+    ):
+        run(experiment, bench, data)
+    assert (error.value.code, data.done, bench.begun) == ("load_missed", 0, ATTEMPTS)
+    assert bench.simulated.amplifier.voltage_v == 0.0
+
+
+def test_a_sensor_too_slow_for_the_window_is_named(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+    class Slow(SimulatedBench):
+        def read_force(self) -> ForceReading:
+            self._time_s += 0.1
+            return super().read_force()
+
+    experiment = prepare(config, model, small_plan())
+    with (
+        DataFile.create(tmp_path / "data.csv", experiment.identity()) as data,
+        Slow(config, model, seed=1) as bench,
+        pytest.raises(HapticError, match="force readings") as error,
+    ):
+        run(experiment, bench, data)
+    assert (error.value.code, data.done) == ("too_few_readings", 0)
+
+
+def test_a_file_of_other_columns_is_not_continued(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+    experiment = prepare(config, model, small_plan())
+    DataFile.create(tmp_path / "data.csv", experiment.identity()).__exit__(None, None, None)
+    (tmp_path / "data.csv").write_text(",".join(COLUMNS[:-2]) + "\n")
+    with pytest.raises(BadInputError, match="has columns"):
+        DataFile.resume(tmp_path / "data.csv", experiment.identity(), experiment.rows)
+
+
 class Jumping(SimulatedBench):
     """Settles in steps longer than the lease: nobody refreshes the output meanwhile."""
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
         super().step(dt_s, normal_force_n, speed_m_s)
-        self._time_s += 1.0
+        self._time_s += 1.0 if dt_s > READING_S else 0.0
 
 
 def test_the_output_is_held_through_settling_and_averaging(

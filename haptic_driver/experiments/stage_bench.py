@@ -1,0 +1,187 @@
+"""A real rig on which a stage slides the screen under a finger, or the finger over the screen: one stroke per row.
+
+The stage sets the speed. The load is the finger's own, by hand or by weights: it is waited for, and what it was during
+a row is measured. Times are real.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+from haptic_driver.config import RigConfig
+from haptic_driver.devices import Devices, connect_devices
+from haptic_driver.errors import HapticError
+from haptic_driver.experiments.plan import Plan, Row
+from haptic_driver.experiments.stroke import SPARE_S, stage_of, stroke
+from haptic_driver.rig import Rig
+from haptic_driver.rig_config import NoAnalogOutput
+from hw.force_sensor import ForceReading
+from hw.stage import Lts150, StageStatus
+
+LOAD_WAIT_S = 60.0  # for a person to bring the load, or to lift the finger
+LOAD_STEADY_S = 0.3  # over which a load is averaged before it is believed
+LOAD_POLL_S = 0.02
+HOMING_S = 60.0  # [unverified] of the slowest homing
+SPEED_TOLERANCE = 0.05  # by which the stage's own speed may differ from what was set
+
+Tell = Callable[[str], None]
+
+
+def without_envelope(config: RigConfig) -> RigConfig:
+    """The rig with its amplitudes over SCPI: a row needs one amplitude, and no envelope."""
+    return config.model_copy(update={"analog_output": NoAnalogOutput()})
+
+
+class StageBench:
+    """The devices of a rig's file as a bench; see `Bench`. `tell` is called with what the person has to do now.
+
+    Entering opens the devices, which takes the force sensor's bias: nothing may touch the screen. It homes the stage if
+    needed. Leaving switches off and stops the stage. Raises HapticError and DeviceError.
+    """
+
+    def __init__(
+        self,
+        config: RigConfig,
+        plan: Plan,
+        tell: Tell = lambda what: None,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._config = config
+        self._stage_config = stage_of(config)
+        self._plan = plan
+        self._tell = tell
+        self._clock = clock
+        self._sleep = sleep
+        self._devices: Devices = connect_devices(without_envelope(config))
+        self._sensor_zero_s = 0.0  # on the force sensor's clock
+        self._sessions = 0
+        self._speed_m_s = 0.0
+        self._window_began: StageStatus | None = None
+
+    @property
+    def rig(self) -> Rig:
+        """See `Bench`."""
+        return self._devices.rig
+
+    @property
+    def time_s(self) -> float:
+        """See `Bench`."""
+        return self._clock()
+
+    def begin_session(self, session: int, time_s: float) -> None:
+        """See `Bench`. Another session is another placing of the finger: it has to be lifted first."""
+        self._sessions += 1
+        if self._sessions > 1:
+            lifted_n = self._config.finger.contact_off_n
+            self._await_load(f"session {session}: lift the finger", lambda load_n: load_n < lifted_n)
+        self._sensor_zero_s = self.rig.read_force().time_s - time_s
+
+    def begin_row(self, number: int, row: Row) -> None:
+        """See `Bench`. To where the stroke begins, until the load is there, and up to speed."""
+        stage, wanted_n = self._stage, row.setting.normal_force_n
+        path = stroke(row.setting, self._plan, self._stage_config, self._config.output)
+        stage.set_velocity(self._stage_config.velocity_m_s, self._stage_config.acceleration_m_s2)
+        stage.move_to(path.start_m)
+        stage.wait(self._move_s(stage, path.start_m))
+        tolerance_n = self._plan.load_tolerance * wanted_n
+        self._await_load(
+            f"row {number + 1}: press with {wanted_n:g} N", lambda load_n: abs(load_n - wanted_n) <= tolerance_n
+        )
+        self._tell(f"row {number + 1}: measuring, hold {wanted_n:g} N")
+        self._window_began = None
+        self._speed_m_s = path.speed_m_s
+        stage.set_velocity(path.speed_m_s, self._stage_config.acceleration_m_s2)
+        stage.move_to(path.end_m)
+        self._sleep(path.accelerate_s)
+        if not stage.read_status().moving:
+            raise HapticError("stage_rests", "the stage was told to move and rests", "Free the stage; is it enabled?")
+
+    def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
+        """See `Bench`. Time passes by itself; without a load the stage rests and the finger may lift."""
+        if normal_force_n == 0.0 and self._stage.read_status().moving:
+            self._stage.stop()
+        self._sleep(dt_s)
+
+    def read_force(self) -> ForceReading:
+        """See `Bench`."""
+        if self._window_began is None:
+            self._window_began = self._stage.read_status()
+        reading = self.rig.read_force()
+        return reading._replace(time_s=reading.time_s - self._sensor_zero_s)
+
+    def end_row(self) -> None:
+        """See `Bench`. HapticError when the stage did not slide at the row's speed all the time."""
+        began, ended = self._window_began, self._stage.read_status()
+        if began is None:
+            raise HapticError("stage_rests", "no force was read during the stroke", "Measure longer than average_s")
+        if not ended.moving:
+            raise HapticError(
+                "stroke_ended", f"the stage came to rest at {1e3 * ended.position_m:.1f} mm before the row was over",
+                "The rig answers too slowly for this plan: is the computer busy? Then --resume",
+            )  # fmt: skip
+        speed_m_s = (ended.position_m - began.position_m) / (ended.time_s - began.time_s)
+        if abs(speed_m_s - self._speed_m_s) > SPEED_TOLERANCE * self._speed_m_s:
+            raise HapticError(
+                "stage_slipped", f"the stage slid at {1e3 * speed_m_s:.2f} mm/s, not {1e3 * self._speed_m_s:.2f} mm/s",
+                "Free the stage, or look at its scale in the rig's file; then --resume",
+            )  # fmt: skip
+
+    def __enter__(self) -> Self:
+        """Open the devices and home the stage."""
+        self._tell("taking the force sensor's bias: touch nothing")
+        self._devices.open()
+        try:
+            self.rig.check_verified()
+            status = self._stage.read_status()
+            if not status.homed:
+                self._tell("homing the stage: keep clear")
+                self._stage.home()
+                self._stage.wait(HOMING_S)
+        except BaseException:
+            self._devices.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Switch off, stop the stage, hang up."""
+        self._devices.close()
+
+    @property
+    def _stage(self) -> Lts150:
+        stage = self._devices.stage
+        assert stage is not None  # the constructor has looked
+        return stage
+
+    def _move_s(self, stage: Lts150, position_m: float) -> float:
+        """What a move from here may take at most."""
+        away_m = abs(position_m - stage.read_status().position_m)
+        speed_m_s, acceleration_m_s2 = self._stage_config.velocity_m_s, self._stage_config.acceleration_m_s2
+        return 2.0 * (away_m / speed_m_s + speed_m_s / acceleration_m_s2) + SPARE_S + stage.settings.reply_timeout_s
+
+    def _await_load(self, what: str, wanted: Callable[[float], bool]) -> None:
+        """Until the load's mean over `LOAD_STEADY_S` is as wanted; HapticError when it is not in time."""
+        began_s = self._clock()
+        recent: deque[tuple[float, float]] = deque()
+        while True:
+            now_s, load_n = self._clock(), self.rig.read_force().normal_force_n
+            recent.append((now_s, load_n))
+            while now_s - recent[0][0] > LOAD_STEADY_S:
+                recent.popleft()
+            mean_n = sum(load for _, load in recent) / len(recent)
+            if now_s - began_s >= LOAD_STEADY_S and wanted(mean_n):
+                return
+            if now_s - began_s > LOAD_WAIT_S:
+                raise HapticError(
+                    "load_missed", f"{what}: the load is {mean_n:.2f} N after {LOAD_WAIT_S:g} s",
+                    "Press as asked, or look at the force sensor's axes and bias; then --resume",
+                )  # fmt: skip
+            self._tell(f"{what}, now {mean_n:.2f} N")
+            self._sleep(LOAD_POLL_S)
