@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,8 +13,11 @@ from rich.text import Text
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.config import load_model
 from haptic_driver.errors import BadInputError
+from haptic_driver.experiments.plan import Setting, write_plan
 from haptic_driver.files import not_written
 from model.errors import ModelError
+
+SPEED_M_S = 0.02  # of a slide that is to be measured, where the data do not say how fast theirs were
 
 
 def diagnose(
@@ -22,35 +26,54 @@ def diagnose(
     out: Annotated[Path, typer.Option("--out", help="Folder for report.html, report.json, model.toml.")] = Path(
         "diagnosis"
     ),
+    also: Annotated[
+        list[Path] | None, typer.Option("--also", help="More data of the same finger and rig; may be given repeatedly.")
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Of the random draws in tests and folds.", min=0)] = 0,
     as_json: Json = False,
 ) -> None:
     """Find where measured friction and the model disagree, name the missing effect, add it, and prove it.
 
     Gives one verdict: no_discrepancy, effect_found, ambiguous, unexplained or not_testable. A name is given only when
-    the data earn it.
+    the data earn it. Where more data would tell more, `DIR/next_plan.toml` is a plan for `haptic measure`; what it
+    measures goes in with `--also`.
 
     Example: `haptic diagnose data.csv --model reference --out diagnosis`
     """
-    from model.diagnosis.data import read_measurements  # noqa: PLC0415  (diagnosis imports are slow)
+    from model.diagnosis.data import read_measurements, together  # noqa: PLC0415  (diagnosis imports are slow)
     from model.diagnosis.report import write_report  # noqa: PLC0415
     from model.diagnosis.workflow import diagnose as run  # noqa: PLC0415
 
     description = load_model(model)
     try:
-        measurements = read_measurements(data)
+        measurements = together([(str(path), read_measurements(path)) for path in (data, *(also or ()))])
     except ModelError as error:
         raise BadInputError("bad_data", error.message, error.hint) from error
     with status("diagnosing") as tell:
         diagnosis = run(description, measurements, seed, tell)
     try:
-        found = write_report(diagnosis, description, out, data.name)
+        found = write_report(diagnosis, description, out, ", ".join(path.name for path in (data, *(also or ()))))
     except OSError as error:
         raise not_written(out, error) from error
-    report(as_json, found, lambda: _show(found, out))
+    plan = _write_next_plan(found["next_experiments"], out / "next_plan.toml")
+    report(as_json, found | {"next_plan": str(plan) if plan else None}, lambda: _show(found, out, plan))
 
 
-def _show(found: dict[str, Any], out: Path) -> None:
+def _write_next_plan(steps: Sequence[Mapping[str, Any]], path: Path) -> Path | None:
+    """What to measure next, as a plan; None, and no file left from before, where there are no settings to measure."""
+    settings = []
+    for step in steps:
+        speed_m_s = step.get("speed_m_s", SPEED_M_S)
+        if step["kind"] == "setting" and speed_m_s > 0.0:  # a held finger is no slide
+            settings.append(Setting(step["frequency_hz"] or 0.0, step["voltage_v"], step["normal_force_n"], speed_m_s))
+    if not settings:
+        path.unlink(missing_ok=True)
+        return None
+    write_plan(path, "next", steps[0]["purpose"], settings, steps[0]["repeats"])
+    return path
+
+
+def _show(found: dict[str, Any], out: Path, plan: Path | None) -> None:
     still = "" if found["adequate"] else " (the model is not adequate yet)"
     stdout.print(Text.assemble("verdict: ", (found["verdict"], "bold"), still))
     for effect in found["effects"]:
@@ -76,4 +99,8 @@ def _show(found: dict[str, Any], out: Path) -> None:
         )
     for warning in found.get("warnings", []):
         stdout.print(f"warning: {warning}")
+    if plan is not None:
+        stdout.print(
+            f"next: haptic measure --plan {plan} --out more.csv on the same rig, then diagnose --also more.csv"
+        )
     stdout.print(f"report: {out / 'report.html'}; model: {found['model']}")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -13,6 +15,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
 
 from haptic_driver.config import find_config, parse, read_toml
 from haptic_driver.errors import BadInputError
+from haptic_driver.files import not_written, replacing
+from model.touch_model import UNDRIVEN_HZ
 
 MOST_ROWS = 100_000
 
@@ -145,3 +149,20 @@ def load_plan(name_or_path: str) -> Plan:
         raise BadInputError("bad_config", f"{path}: the plan has {count} rows", f"At most {MOST_ROWS} are measured")
     rest = file.model_dump(exclude={"points", *_Block.model_fields})
     return Plan(settings=tuple(settings), **rest)
+
+
+def write_plan(path: Path, name: str, about: str, settings: Sequence[Setting], repeats: int) -> None:
+    """A plan's file with `settings` as they stand, which `load_plan` reads; HapticError when it cannot be written."""
+    lines = [f"name = {json.dumps(name)}", f"about = {json.dumps(about)}", f"repeats = {repeats}"]
+    for setting in settings:
+        frequency_hz = setting.frequency_hz if setting.voltage_v > 0.0 else UNDRIVEN_HZ
+        lines += [
+            "",
+            "[[points]]",
+            *(f"{key} = {value}" for key, value in setting._replace(frequency_hz=frequency_hz)._asdict().items()),
+        ]
+    try:
+        with replacing(path) as part:
+            part.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise not_written(path, error) from error

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -113,6 +115,39 @@ def read_measurements(path: Path) -> Measurements:
     sessions = table.text("session") if "session" in table.columns else [""] * len(table.rows)
     names, session = np.unique([name or "1" for name in sessions], return_inverse=True)
     return Measurements(columns, session.ravel(), tuple(map(str, names)), waveform, table.content_hash)
+
+
+def together(parts: Sequence[tuple[str, Measurements]]) -> Measurements:
+    """Several data sets as one, each with its file's name; the sessions of one are never those of another.
+
+    ModelError where one has a column that another lacks: what a row does not say cannot be made up.
+    """
+    if len(parts) == 1:
+        return parts[0][1]
+    first_name, first = parts[0]
+    for name, data in parts[1:]:
+        different = sorted(set(first.columns) ^ set(data.columns))
+        if different:
+            has, lacks = (first_name, name) if different[0] in first.columns else (name, first_name)
+            said = f"{lacks}: has no column {different[0]}, which {has} has"
+            raise ModelError(said, "Add the column, or leave it out of every file")
+    names: list[str] = []
+    sessions = []
+    for number, (_, data) in enumerate(parts, start=1):
+        sessions.append(data.session + len(names))
+        names += [f"file {number}, {session}" for session in data.session_names]
+    waveform = None
+    if any(data.waveform is not None for _, data in parts):
+        said_or_sine = (np.full(d.count, "sine") if d.waveform is None else d.waveform for _, d in parts)
+        waveform = np.concatenate(list(said_or_sine))
+    hashes = "".join(data.content_hash for _, data in parts)
+    return Measurements(
+        {name: np.concatenate([data.columns[name] for _, data in parts]) for name in first.columns},
+        np.concatenate(sessions),
+        tuple(names),
+        waveform,
+        hashlib.sha256(hashes.encode()).hexdigest(),
+    )
 
 
 def _says(table: Table, name: str) -> bool:

@@ -24,13 +24,13 @@ from model.diagnosis.space import Predictor
 from model.diagnosis.verdict import ALIKE
 from model.diagnosis.where import ALARM
 from model.diagnosis.workflow import Diagnosis
+from model.touch_model import UNDRIVEN_HZ
 
 REPEATS = 5  # readings at each proposed setting
 MODELS = 4  # that take part
 MOST_LEVELS = 4  # of voltage, load, speed and time
 PRESENT_LEVELS = 12  # of frequency that a data set may add to the 1-2-5 steps
 STEPS_HZ = (*(m * 10.0**e for e in range(6) for m in (1, 2, 5)), 1e6)
-UNDRIVEN_HZ = 250.0
 LEAST_WEIGHT = 1e-3  # of a pair, beside the weightiest: improbable rivals still deserve a test
 
 

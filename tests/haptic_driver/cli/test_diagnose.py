@@ -9,6 +9,7 @@ import math
 import pytest
 
 from haptic_driver.cli.main import main
+from haptic_driver.experiments.plan import load_plan
 
 KEYS = {"verdict", "adequate", "effects", "alternatives", "where", "fit", "model", "seed"}
 CATALOGUE = 20
@@ -57,6 +58,32 @@ def test_the_hidden_effect_is_found_or_listed(found) -> None:
     assert "humid_gap_conduction" in listed
     held = said["fit"]["held_out_chi2_per_point"]
     assert held["after"] < 0.5 * held["before"]
+
+
+def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(found, data, tmp_path, capsys) -> None:
+    out, said = found
+    asked = [step for step in said["next_experiments"] if step["kind"] == "setting"]
+    assert asked
+    plan = load_plan(str(out / "next_plan.toml"))
+    wanted = {(s["frequency_hz"] or 0.0, s["voltage_v"], s["normal_force_n"], s["speed_m_s"]) for s in asked}
+    assert set(plan.settings) == wanted
+    assert plan.repeats == asked[0]["repeats"]
+    more = tmp_path / "more.csv"
+    measure = ["measure", "--rig", "hidden_humidity", "--plan", str(out / "next_plan.toml"), "--out", str(more)]
+    assert main([*measure, "--seed", "9", "--json"]) == 0
+    capsys.readouterr()
+    assert main(["diagnose", str(data), "--also", str(more), "--out", str(tmp_path / "both"), "--json"]) == 0
+    both = json.loads(capsys.readouterr().out)
+    assert both["data"]["rows"] == said["data"]["rows"] + len(more.read_text().splitlines()) - 1
+    assert both["data"]["sessions"] == said["data"]["sessions"] + 1
+
+
+def test_data_of_other_columns_do_not_go_together(data, tmp_path, capsys) -> None:
+    other = tmp_path / "other.csv"
+    other.write_text("frequency_hz,voltage_v,normal_force_n,cof,cof_std\n100,75,0.5,0.7,0.01\n")
+    assert main(["diagnose", str(data), "--also", str(other), "--out", str(tmp_path / "out")]) == 2
+    err = " ".join(capsys.readouterr().err.split())
+    assert f"{other}: has no column speed_m_s, which {data} has" in err
 
 
 def test_the_model_it_writes_can_be_used(found, tmp_path) -> None:
