@@ -17,6 +17,10 @@ class ModelError(ValueError):
 
 def nearest(word: str, choices: list[str]) -> str:
     """A hint that offers the choice nearest to `word`, and all of them."""
+    return f"{did_you_mean(word, choices)}Known: {', '.join(sorted(choices))}"
+
+
+def did_you_mean(word: str, choices: list[str]) -> str:
+    """The question that opens a hint, with a space after it; nothing where no choice is like `word`."""
     close = get_close_matches(word, choices, n=1, cutoff=0.5)
-    listed = ", ".join(sorted(choices))
-    return f"Did you mean '{close[0]}'? Known: {listed}" if close else f"Known: {listed}"
+    return f"Did you mean '{close[0]}'? " if close else ""

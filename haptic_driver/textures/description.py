@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -11,6 +10,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter,
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import Interpolation, Outside
+from model.errors import did_you_mean
 
 LOWEST_COF = 0.01
 HIGHEST_COF = 5.0
@@ -270,13 +270,7 @@ def _problem(fault: Any) -> str:
 def _hint(faults: list[Any], content: dict[str, Any]) -> str:
     kind = content.get("kind")
     if not isinstance(kind, str) or kind not in _KINDS:
-        return f"{nearest(str(kind), list(_KINDS))}kind is one of: {', '.join(_KINDS)}"
+        return f"{did_you_mean(str(kind), list(_KINDS))}kind is one of: {', '.join(_KINDS)}"
     keys = list(_KINDS[kind].model_fields)
     unknown = [str(fault["loc"][1]) for fault in faults if fault["type"] == "extra_forbidden"]
-    return f"{''.join(nearest(key, keys) for key in unknown)}keys of a {kind}: {', '.join(keys)}"
-
-
-def nearest(word: str, known: list[str]) -> str:
-    """The words "did you mean ...? ", or nothing where no known word is like it."""
-    matches = difflib.get_close_matches(word, known, n=1)
-    return f"did you mean '{matches[0]}'? " if matches else ""
+    return f"{''.join(did_you_mean(key, keys) for key in unknown)}keys of a {kind}: {', '.join(keys)}"

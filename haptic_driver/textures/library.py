@@ -12,7 +12,7 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.files import read_text
 from haptic_driver.render.texture import FrictionMap, Placed, Profile, Target, Texture, Uniform
 from haptic_driver.textures import description, files, formulas, hjif, script
-from haptic_driver.textures.description import nearest
+from model.errors import did_you_mean
 
 MAP_EXAMPLE = """\
 kind = "map"
@@ -195,4 +195,4 @@ def _named_hint(name: str, search: Sequence[Path]) -> str:
     names = texture_names(search)
     if not names:
         return f"there are no textures in {', '.join(map(str, search)) or 'no folder'}"
-    return f"{nearest(name, names)}textures: {', '.join(names)}"
+    return f"{did_you_mean(name, names)}textures: {', '.join(names)}"

@@ -10,7 +10,8 @@ from typing import Any
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input
 from haptic_driver.render.texture import Interpolation, Script, Step, Texture, Uniform
-from haptic_driver.textures.description import SCRIPT_HINT, ScriptDescription, StepDescription, nearest, parse_step
+from haptic_driver.textures.description import SCRIPT_HINT, ScriptDescription, StepDescription, parse_step
+from model.errors import did_you_mean
 from model.tables import read_table
 
 COLUMNS = ("time_s", "cof", "texture", "interpolation", "label")
@@ -39,7 +40,7 @@ def read(path: Path, load: Callable[[str], Texture], interpolation: Interpolatio
     for name in table.columns:
         if name not in COLUMNS:
             raise BadInputError(
-                "bad_script", f"{path}: unknown column '{name}'", nearest(name, list(COLUMNS)) + SCRIPT_HINT
+                "bad_script", f"{path}: unknown column '{name}'", did_you_mean(name, list(COLUMNS)) + SCRIPT_HINT
             )
     steps = []
     for row, cells in enumerate(table.rows):

@@ -1,7 +1,5 @@
 """`haptic texture list`, `preview` and `check`."""
 
-import json
-
 import matplotlib.image
 import pytest
 
@@ -22,7 +20,7 @@ def own_configs(tmp_path, monkeypatch):
 def test_list_names_all_and_what_they_are(haptic):
     done = haptic("texture", "list", "--json")
     assert done.status == 0
-    entries = {entry["name"]: entry for entry in json.loads(done.out)["textures"]}
+    entries = {entry["name"]: entry for entry in done.said["textures"]}
     assert set(entries) == TEN | {"steps"}
     assert entries["grating"]["kind"] == "grating"
     assert entries["grating"]["cof"] == pytest.approx([0.6, 0.8])
@@ -36,7 +34,7 @@ def test_list_shows_a_faulty_file_with_its_fault(haptic, own_configs):
     (own_configs / "mine.toml").write_text('kind = "uniform"\ncof = -0.6\n')
     done = haptic("texture", "list", "--json")
     assert done.status == 0
-    entries = {entry["name"]: entry for entry in json.loads(done.out)["textures"]}
+    entries = {entry["name"]: entry for entry in done.said["textures"]}
     assert "key 'cof'" in entries["mine"]["error"]
     assert entries["linen"]["error"] is None
 
@@ -44,14 +42,14 @@ def test_list_shows_a_faulty_file_with_its_fault(haptic, own_configs):
 def test_preview_draws(haptic, tmp_path):
     done = haptic("texture", "preview", "linen", "--out", tmp_path / "linen.png", "--json")
     assert done.status == 0
-    assert json.loads(done.out) == {"picture": str(tmp_path / "linen.png")}
+    assert done.said == {"picture": str(tmp_path / "linen.png")}
     assert matplotlib.image.imread(tmp_path / "linen.png").std() > 0.1
 
 
 def test_check_says_what_is_in_reach(haptic, surface_path):
     done = haptic("texture", "check", "grating", "--surface", surface_path, "--json")
     assert done.status == 0
-    said = json.loads(done.out)
+    said = done.said
     assert set(said) == {
         "name", "kind", "normal_force_n", "reachable_cof", "cof_low", "cof_high", "share_below", "share_above",
         "share_nothing", "steps_felt", "flags",
@@ -65,7 +63,7 @@ def test_check_says_what_is_in_reach(haptic, surface_path):
 def test_check_flags_what_is_out_of_reach(haptic, surface_path, own_configs):
     (own_configs / "steep.csv").write_text("position_mm,cof\n0,0.3\n100,2.3\n")
     (own_configs / "steep.toml").write_text('kind = "profile"\nfile = "steep.csv"\n')
-    said = json.loads(haptic("texture", "check", "steep", "--surface", surface_path, "--json").out)
+    said = haptic("texture", "check", "steep", "--surface", surface_path, "--json").said
     low, high = said["reachable_cof"]
     assert said["share_below"] == pytest.approx((low - 0.3) / 2.0, abs=0.002)  # one of 500 columns
     assert said["share_above"] == pytest.approx((2.3 - high) / 2.0, abs=0.002)
@@ -78,8 +76,8 @@ def test_check_flags_what_is_out_of_reach(haptic, surface_path, own_configs):
 @pytest.mark.parametrize(
     ("arguments", "status", "code", "words"),
     [
-        (["preview", "linnen"], 2, "unknown_texture", "did you mean 'linen'?"),
-        (["check", "linnen"], 2, "unknown_texture", "did you mean 'linen'?"),
+        (["preview", "linnen"], 2, "unknown_texture", "Did you mean 'linen'?"),
+        (["check", "linnen"], 2, "unknown_texture", "Did you mean 'linen'?"),
         (["check", "linen", "--normal-force", "99"], 2, "out_of_range", "Give 0.1 to 2 N"),
         (["preview", "linen", "--out", "a.unknown"], 2, "bad_ending", ".png"),
     ],
@@ -87,6 +85,6 @@ def test_check_flags_what_is_out_of_reach(haptic, surface_path, own_configs):
 def test_errors(haptic, arguments, status, code, words):
     done = haptic("texture", *arguments, "--json")
     assert done.status == status
-    error = json.loads(done.out)["error"]
+    error = done.said["error"]
     assert error["code"] == code
     assert words in error["hint"]

@@ -112,8 +112,8 @@ def test_scripts_in_a_circle_are_refused(folder, name):
 
 
 def test_unknown_texture_and_column_get_the_nearest(folder):
-    assert "did you mean 'linen'?" in refused(folder, "time_s,texture\n0,linnen\n1,linen\n").hint
-    assert "did you mean 'label'?" in refused(folder, "time_s,cof,labl\n0,0.6,a\n1,0.7,b\n").hint
+    assert "Did you mean 'linen'?" in refused(folder, "time_s,texture\n0,linnen\n1,linen\n").hint
+    assert "Did you mean 'label'?" in refused(folder, "time_s,cof,labl\n0,0.6,a\n1,0.7,b\n").hint
 
 
 @pytest.mark.parametrize(
