@@ -76,6 +76,16 @@ class OffEvidence:
         return f"{generator[self.generator_off]}, amplifier {self.amplifier.value}, {monitor}"
 
 
+def require_verified(unverified: Sequence[str]) -> None:
+    """Raise HapticError with what `RigConfig.unverified` lists, unless that is nothing."""
+    if unverified:
+        raise HapticError(
+            "unverified",
+            f"this rig's file leaves open {'; '.join(unverified)}",
+            "measure them, write them down with who measured them and when, then start again",
+        )
+
+
 class _Withdrawn(Exception):  # noqa: N818 - an event: somebody switched off while this thread was switching on
     pass
 
@@ -149,12 +159,7 @@ class Rig:
 
     def check_verified(self) -> None:
         """Raise HapticError while the rig's file leaves a safety figure unset; until then nothing comes on."""
-        if self._unverified:
-            raise HapticError(
-                "unverified",
-                f"this rig's file leaves open {'; '.join(self._unverified)}",
-                "measure them, write them down with who measured them and when, then start again",
-            )
+        require_verified(self._unverified)
 
     def connect(self) -> None:
         """Identify and set up the generator with its output off and the amplifier disabled."""

@@ -18,9 +18,10 @@ from haptic_driver.experiments.bench import Bench
 from haptic_driver.experiments.check import Refusal, check
 from haptic_driver.experiments.data_file import DataFile, Identity
 from haptic_driver.experiments.plan import Plan, Row, Setting
+from haptic_driver.experiments.stroke import stage_of
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render import drive, safety
-from haptic_driver.rig import OffEvidence, Rig, RigState
+from haptic_driver.rig import OffEvidence, Rig, RigState, require_verified
 from haptic_driver.signals import OperatingPoint
 from model.touch_model import TouchModel
 
@@ -77,8 +78,12 @@ class Experiment:
 def prepare(config: RigConfig, model: TouchModel, plan: Plan, seed: int | None = None) -> Experiment:
     """Check every setting of `plan` against the rig's limits and fix the order; nothing is opened.
 
-    Finger currents are those that `model` predicts. BadInputError when nothing is left to measure.
+    Finger currents are those that `model` predicts. HapticError for a rig that may not come on, BadInputError when
+    nothing is left to measure.
     """
+    if not config.simulated:
+        stage_of(config)
+    require_verified(config.unverified)
     points, refusals = check([s for s in plan.settings if s.voltage_v > 0.0], plan, config, model)
     resting = list({s.without_voltage(): None for s in plan.settings})
     without, refused = check(resting, plan, config, model)

@@ -137,7 +137,6 @@ class StageBench:
         self._tell("taking the force sensor's bias: touch nothing")
         self._devices.open()
         try:
-            self.rig.check_verified()
             status = self._stage.read_status()
             if not status.homed:
                 self._tell("homing the stage: keep clear")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -104,7 +103,7 @@ WRONG = [
     ([*DEMO, "--texture", "steps"], 2, "not_a_texture", "timed script", "daemon"),
     (["texture", "preview", "steep.toml"], 2, "bad_texture", "got 'steep'", "cof"),
     (["texture", "preview", "negative.toml"], 2, "bad_texture", "got -1.0", "cof"),
-    (["texture", "preview", "unknown_kind.toml"], 2, "bad_texture", "'unifrom'", "did you mean 'uniform'?"),
+    (["texture", "preview", "unknown_kind.toml"], 2, "bad_texture", "'unifrom'", "Did you mean 'uniform'?"),
     (["texture", "preview", "linen", "--out", "linen"], 2, "bad_ending", "linen: is no name of a picture", ".png"),
     # files of the program's own
     ([*SOLVE, "--surface", "folder"], 2, "surface_not_found", "is a folder", "haptic surface build"),
@@ -117,7 +116,7 @@ WRONG = [
     ([*MEASURE, "ok.csv"], 2, "file_exists", "ok.csv: exists already", "--force"),
     ([*MEASURE, "ok.csv", "--resume"], 2, "not_resumable", "haptic measure did not write it", "--out"),
     ([*MEASURE, "d.csv", "--resume", "--force"], 2, "usage", "contradict", "one of them"),
-    ([*MEASURE, "d.csv", "--rig", "paper"], 2, "not_simulated", "simulated rigs only", "--rig simulated"),
+    ([*MEASURE, "d.csv", "--rig", "paper"], 1, "unverified", "leaves open", "who measured them"),
     ([*MEASURE, "d.csv", "--hide", "none.toml"], 2, "bad_hide", "none.toml does not exist", "series_resistance"),
     (["predict", "--table", "ok.csv", "--out", "folder"], 1, "not_written", "it is a folder", "--out"),
     (["predict", "--table", "ok.csv", "--out", "ok.csv/x.csv"], 1, "not_written", "a file stands where", "--out"),
@@ -147,8 +146,7 @@ def _desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make_file: Callable[.
 def test_a_wrong_thing_is_said(haptic, command, status, code, said, hint):
     done = haptic(*command, "--json")
     assert done.status == status, done.err
-    (line,) = done.out.splitlines()
-    error = json.loads(line)["error"]
+    error = done.said["error"]
     assert error["code"] == code
     assert said in error["message"]
     assert hint in error["hint"]
@@ -178,4 +176,4 @@ def test_what_the_system_refuses_is_a_message_and_not_a_traceback(haptic, monkey
     monkeypatch.setattr("haptic_driver.cli.solve.build_surface", full)
     done = haptic(*SOLVE, "--json")
     assert done.status == 1
-    assert json.loads(done.out)["error"]["message"] == "out.csv: No space left on device"
+    assert done.said["error"]["message"] == "out.csv: No space left on device"
