@@ -22,13 +22,7 @@ from haptic_driver.rig_config import NO_WATCHDOG, RigConfig
 from hw.analog_output import AnalogOutput, AnalogOutputSettings
 from hw.ati_calibration import AtiCalibration
 from hw.errors import DeviceError
-from hw.finger_tracker import (
-    FingerTracker,
-    RecordedFinger,
-    StageFinger,
-    TouchCalibration,
-    open_touch_screen,
-)
+from hw.finger_tracker import FingerTracker, RecordedFinger, StageFinger
 from hw.force_sensor import ForceAxes, ForceSensor, GaugeForceSensor
 from hw.interlock import HeartbeatInterlock, ModemLine
 from hw.lines import AnalogInput, DigitalInput, DigitalOutput, Heartbeat
@@ -36,6 +30,7 @@ from hw.net_ft import NetFt, NetFtScale, NetFtSettings
 from hw.ni_daq import NiAnalogInput, NiAnalogInputs, NiAnalogOutput, NiDigitalInput, NiDigitalOutput
 from hw.sound_card import SoundCardOutput
 from hw.stage import Lts150, StageSettings
+from hw.touch_screen import TouchCalibration, open_touch_screen
 from hw.transport.contract import Transport
 from hw.transport.marker import scpi_marker
 from hw.transport.resource import make_transport
@@ -319,9 +314,13 @@ def output_settings(given: rig_config.SomeAnalogOutput) -> AnalogOutputSettings:
 
 
 def touch_calibration(screen: rig_config.EvdevFingerConfig) -> TouchCalibration:
-    """The touch screen's share of a rig's file."""
+    """The touch screen's share of a rig's file; BadInputError for a matrix that is no map of a plane."""
     (a, b, c), (d, e, f) = screen.matrix_m
-    return TouchCalibration(((a, b, c), (d, e, f)), screen.measured_at, screen.placeholder)
+    try:
+        return TouchCalibration(((a, b, c), (d, e, f)), screen.measured_at, screen.placeholder)
+    except ValueError as error:
+        said, hint = f"finger_tracker.matrix_m: {error}", "Measure it with haptic calibrate-touch"
+        raise BadInputError("bad_config", said, hint) from error
 
 
 def _rts_of(transport: Transport) -> Callable[[bool], bool] | None:

@@ -25,22 +25,24 @@ from haptic_driver.devices import (
     stage_settings,
     touch_calibration,
 )
+from haptic_driver.errors import BadInputError
 from haptic_driver.rig import MONITOR_QUIET_V
 from haptic_driver.rig_config import NO_WATCHDOG, RigConfig, Vouched
 from hw import apt
 from hw.ati_calibration import AtiCalibration
 from hw.errors import BadReply, DeviceError
-from hw.finger_tracker import open_touch_screen
 from hw.interlock import IDENTITY
 from hw.net_ft import NetFt
 from hw.ni_daq import NiDigitalInput
 from hw.stage import Lts150
+from hw.touch_screen import open_touch_reports
 from hw.transport.contract import Transport
 from hw.transport.resource import make_transport
 from hw.waveform_generator import AMPLITUDE_HIGH_VPP, MODEL
 
 OLD_AFTER = datetime.timedelta(days=365)
 OPEN_LOAD_OHM = 9.9e37
+CALIBRATE_TOUCH = "measure it by touching known places: haptic calibrate-touch"
 _FIRMWARE = re.compile(r"\d+\.\d+-\d+\.\d+-\d+-\d+")
 
 
@@ -403,13 +405,9 @@ def _stage_info(transport: Transport, timeout_s: float) -> apt.Info:
 def _finger_tracker(config: RigConfig, today: datetime.date) -> Checks:
     match config.finger_tracker:
         case rig_config.EvdevFingerConfig() as screen:
-            calibration = touch_calibration(screen)
-            if calibration.placeholder:
-                yield Check("touch calibration", Status.WARNING, "a placeholder", "touch known places and fit it")
-            else:
-                yield _dated("touch calibration", "measured", screen.measured_at, today)
+            yield _touch_calibration(screen, today)
             with _failures("touch screen") as failed:
-                open_touch_screen(screen.device, calibration).close()
+                open_touch_reports(screen.device).close()
                 yield Check("touch screen", Status.OK, screen.device)
             yield from failed
         case rig_config.RecordedFingerConfig(file=file):
@@ -421,6 +419,18 @@ def _finger_tracker(config: RigConfig, today: datetime.date) -> Checks:
             yield Check("finger tracker", Status.NOT_VERIFIED, "the stage carries the finger: see the stage")
         case _:
             yield Check("finger tracker", Status.NOT_VERIFIED, "there is none: nothing can be rendered by position")
+
+
+def _touch_calibration(screen: rig_config.EvdevFingerConfig, today: datetime.date) -> Check:
+    name = "touch calibration"
+    try:
+        calibration = touch_calibration(screen)
+    except BadInputError as error:
+        return Check(name, Status.FAILED, error.message, CALIBRATE_TOUCH)
+    if calibration.placeholder:
+        return Check(name, Status.WARNING, "a placeholder", CALIBRATE_TOUCH)
+    dated = _dated(name, "measured", screen.measured_at, today)
+    return dated if dated.status is Status.OK else dated._replace(hint=f"{dated.hint} (haptic calibrate-touch)")
 
 
 def _analog_output(config: RigConfig) -> Checks:

@@ -42,6 +42,7 @@ COMMANDS = {
     "measure": "measure.measure",
     "diagnose": "diagnose.diagnose",
     "calibrate": "calibrate.calibrate",
+    "calibrate-touch": "calibrate_touch.calibrate_touch",
     "study": "study.study",
     "sensitivity": "sensitivity.sensitivity",
     "explore": "explore.explore",

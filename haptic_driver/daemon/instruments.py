@@ -15,10 +15,11 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.rig import RigEvent, build_rig
 from haptic_driver.rig_config import SimulatedAnalogOutputConfig
 from hw.errors import DeviceDisconnected
-from hw.finger_tracker import FingerTracker, TouchEvents, TouchScreen
+from hw.finger_tracker import FingerTracker
 from hw.force_sensor import ForceAxes
 from hw.net_ft import NetFt, NetFtSettings
 from hw.simulated.served_analog_output import ServedAnalogOutput
+from hw.touch_screen import TouchEvents, TouchReports, TouchScreen
 from hw.transport.tcp import TcpTransport
 from hw.watchdog import Watchdog, WatchdogSettings
 
@@ -94,9 +95,10 @@ def connect_simulated(
         connection = socket.create_connection((host, int(port)))
     except OSError as error:
         raise DeviceDisconnected(f"the simulated touch screen is gone ({error})", "restart the daemon") from error
-    screen = TouchScreen(
-        connection.fileno(), TouchEvents(None), SCREEN, name="simulated touch screen", close=connection.close
+    reports = TouchReports(
+        connection.fileno(), TouchEvents(None), name="simulated touch screen", close=connection.close
     )
+    screen = TouchScreen(reports, SCREEN)
     transport = TcpTransport.from_resource(endpoints["waveform_generator"])
     output = None
     if isinstance(config.analog_output, SimulatedAnalogOutputConfig):

@@ -11,10 +11,10 @@ import datetime
 from collections.abc import Callable
 
 from hw.errors import BadReply
-from hw.finger_tracker import TouchCalibration
 from hw.net_ft import NetFtScale
 from hw.simulated.amplifier import SimulatedAmplifier
 from hw.simulated.touch_screen import Panel
+from hw.touch_screen import TouchCalibration
 from hw.transport.contract import Transport
 
 REPLY_TIMEOUT_S = 1.0

@@ -14,22 +14,11 @@ from haptic_driver.served_rig import ServedRig, as_real
 from hw.errors import DeviceError
 from hw.simulated.tcp_server import TcpServer
 from hw.simulated.waveform_generator import Simulated33220A
+from tests.haptic_driver.stand_ins import Heard
 
 PAPER = Path(__file__).parents[2] / "configs" / "rigs" / "paper.toml"
 TODAY = datetime.date(2024, 6, 1)
 SETTINGS = b"FUNC?;FREQ?;VOLT?;VOLT:OFFS?;VOLT:UNIT?;OUTP?;OUTP:LOAD?;AM:STAT?;SYST:ERR?\n"
-
-
-class Heard:
-    """Keeps every message that reaches an instrument."""
-
-    def __init__(self, core):
-        self.core = core
-        self.messages = []
-
-    def handle(self, data):
-        self.messages.append(data.decode())
-        return self.core.handle(data)
 
 
 @pytest.fixture
@@ -167,6 +156,27 @@ def test_the_monitor_is_read_in_the_range_of_the_rigs_file(monkeypatch):
     assert channels == ["Dev1/ai6"]
     assert (how["range_v"], how["terminal"], how["timeout_s"]) == (5.0, "RSE", 0.3)
     assert closed == "closed"
+
+
+@pytest.mark.parametrize(
+    ("changed", "status", "said"),
+    [
+        ({}, Status.WARNING, "a placeholder"),
+        ({"placeholder": False}, Status.OK, "measured on"),
+        ({"placeholder": False, "measured_at": datetime.date(2020, 1, 1)}, Status.WARNING, "days ago"),
+        ({"matrix_m": [[0.0] * 3] * 2}, Status.FAILED, "finger_tracker.matrix_m"),
+    ],
+)
+def test_a_touch_screen_that_is_not_calibrated_names_the_command_that_does_it(changed, status, said):
+    """A matrix of zeros once ended the doctor with a traceback."""
+    config = load_rig("template")
+    screen = config.finger_tracker.model_copy(update={"measured_at": TODAY, "device": "/dev/null"} | changed)
+    checks = list(doctor._finger_tracker(config.model_copy(update={"finger_tracker": screen}), TODAY))
+    check = found(checks, "touch calibration")
+    assert check.status is status
+    assert said in check.message
+    assert ("haptic calibrate-touch" in check.hint) == (status is not Status.OK)
+    assert found(checks, "touch screen").status is Status.FAILED  # /dev/null is none
 
 
 def test_only_questions_can_be_asked():

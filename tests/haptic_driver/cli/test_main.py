@@ -1,6 +1,5 @@
 """What all commands share: exit status, messages, JSON and nothing else on stdout, help with an example."""
 
-import json
 import re
 import subprocess
 import sys
@@ -8,24 +7,18 @@ from pathlib import Path
 
 import pytest
 
+from tests.haptic_driver.commands import one_object
+
 SCRIPT = Path(sys.executable).with_name("haptic")
 COMMANDS = [
     *([name] for name in (
         "predict", "solve", "demo", "measure", "diagnose", "calibrate", "study", "sensitivity", "explore", "reproduce",
-        "simulate", "doctor", "arm", "set", "off", "disarm", "use", "reset", "status", "watch", "record", "export",
+        "calibrate-touch", "simulate", "doctor", "arm", "set", "off", "disarm", "use", "reset", "status", "watch",
+        "record", "export",
     )),
     ["surface", "build"], ["surface", "info"], ["surface", "plot"],
     ["texture", "list"], ["texture", "preview"], ["texture", "check"], ["texture", "play"], ["daemon", "run"],
 ]  # fmt: skip
-
-
-def one_json_object(text):
-    """All of `text` as one JSON object; fails for anything before or after it."""
-    lines = text.splitlines()
-    assert len(lines) == 1
-    content = json.loads(lines[0], parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
-    assert isinstance(content, dict)
-    return content
 
 
 WRONG = [
@@ -70,7 +63,7 @@ def test_bad_input_is_status_2_and_a_message_with_a_hint_on_stderr(haptic, argum
 def test_bad_input_with_json_says_the_same_on_stdout(haptic, arguments, code, words):
     done = haptic(*arguments, "--json")
     assert done.status == 2
-    content = one_json_object(done.out)
+    content = done.said
     assert set(content) == {"error"}
     assert set(content["error"]) == {"code", "message", "hint"}
     assert content["error"]["code"] == code
@@ -83,7 +76,7 @@ def test_a_failure_is_status_1(haptic, surface_path, tmp_path):
     (tmp_path / "file").write_text("")
     done = haptic("surface", "plot", surface_path, "--out", tmp_path / "file" / "s.png", "--json")
     assert done.status == 1
-    assert one_json_object(done.out)["error"]["code"] == "not_written"
+    assert done.said["error"]["code"] == "not_written"
     assert done.err.startswith("error: ")
 
 
@@ -135,17 +128,17 @@ def script(*arguments):
     return subprocess.run([SCRIPT, *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False)
 
 
-def test_the_script_prints_one_json_object(surface_path):
+def test_the_script_prints_one_object(surface_path):
     done = script("solve", "--friction", "0.60", "--surface", surface_path, "--json")
     assert done.returncode == 0
     assert done.stderr == ""
-    assert one_json_object(done.stdout)["cof"] == pytest.approx(0.6, abs=1e-6)
+    assert one_object(done.stdout)["cof"] == pytest.approx(0.6, abs=1e-6)
 
 
 def test_the_scripts_exit_status_and_streams_for_bad_input(surface_path):
     done = script("solve", "--friction", "9", "--surface", surface_path, "--json")
     assert done.returncode == 2
-    assert one_json_object(done.stdout)["error"]["code"] == "unreachable"
+    assert one_object(done.stdout)["error"]["code"] == "unreachable"
     assert done.stderr.startswith("error: friction 9 cannot be reached")
 
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from hw.finger_tracker import TouchEvents
 from hw.simulated.touch_screen import Panel, SimulatedTouchScreen
+from hw.touch_screen import TouchEvents
 
 evdev = pytest.importorskip("evdev", reason="evdev is not installed")
 
