@@ -6,6 +6,7 @@ resource; a simulated instrument behind the same name is driven the same way.
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -118,6 +119,28 @@ def connect_devices(
     )
     opening = [*parts.before_rig, rig.connect, *parts.after_rig]
     return Devices(rig, force_sensor, tracker, stage, output, watchdog, opening, parts.closing)
+
+
+def calibration_ids(config: RigConfig) -> dict[str, str]:
+    """Which calibration the figures of each part of a rig come from, for whoever reads its data later.
+
+    Raises DeviceError for a calibration file that cannot be read.
+    """
+    ids = {
+        name: f"{section.measured_by}, {section.measured_at}"
+        for name, section in {"limits": config.limits, "amplifier": config.amplifier}.items()
+        if section.verified
+    }
+    match config.force_sensor:
+        case rig_config.NiForceSensorConfig(calibration_file=file):
+            sensor = AtiCalibration.from_file(Path(file))
+            content = hashlib.sha256(Path(file).read_bytes()).hexdigest()
+            ids["force_sensor"] = f"{sensor.serial}, calibrated {sensor.calibrated_on}, SHA-256 {content}"
+        case rig_config.NetFtForceSensorConfig() as box:
+            ids["force_sensor"] = f"{box.counts_per_n:g} counts per N, {box.counts_per_n_m:g} per N m"
+    if isinstance(screen := config.finger_tracker, rig_config.EvdevFingerConfig):
+        ids["touch_screen"] = f"{screen.measured_at}{', placeholder' if screen.placeholder else ''}"
+    return ids
 
 
 def generator_transport(config: RigConfig) -> Transport:

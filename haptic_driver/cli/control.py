@@ -59,8 +59,8 @@ def arm(
                 report(as_json, held, lambda: stdout.print(f"armed, lease {lease_s:g} s; Ctrl-C disarms"))
                 with suppress(KeyboardInterrupt):  # the usual end
                     _hold(client, session, for_s, while_pid, tell=not as_json)
-        except LeaseLostError:
-            _raise_unless_disarmed(client.status())
+        except LeaseLostError as lost:
+            _raise_unless_disarmed(client.status(), lost.code)
 
 
 def set_target(
@@ -229,11 +229,11 @@ def _hold(client: HapticClient, session: Session, for_s: float | None, while_pid
             told = state
 
 
-def _raise_unless_disarmed(status: Status) -> None:
+def _raise_unless_disarmed(status: Status, lost_by: str) -> None:
     """The lease has ended under us: somebody's `haptic disarm` is no failure, a fault or a late renewal is."""
     if status.fault is not None:
         raise HapticError("fault", f"the daemon went into fault: {status.fault}", "remove the cause, then haptic reset")
-    if "lease_lost" in status.flags:
+    if lost_by == "lease_expired" or "lease_lost" in status.flags:  # the flag comes once the output has ramped down
         raise HapticError("lease_lost", "the lease ran out before it was renewed", "arm again, with a longer --lease")
 
 

@@ -32,6 +32,7 @@ from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.daemon.shared_state import NO_ORDER, RING_SAMPLES, Output, SharedState
 from haptic_driver.daemon.state_machine import StateMachine
 from haptic_driver.daemon.supervision import Supervisor
+from haptic_driver.devices import calibration_ids
 from haptic_driver.errors import HapticError
 from haptic_driver.render.texture import Script, Target, Uniform
 from haptic_driver.rig import RigEvent, RigState
@@ -434,7 +435,7 @@ class Daemon:
             simulated=settings.config.simulated,
             model=settings.model,
             surface_hash=settings.surface.content_hash,
-            calibration_ids={},
+            calibration_ids=calibration_ids(settings.config),
             software_version=version("haptic-driver"),
             actuator=actuator_name(settings.config),
             latency_budget_s=settings.latency_budget_s,

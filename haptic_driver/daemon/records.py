@@ -69,7 +69,7 @@ class Event(Record):
 
     number: int
     time_s: float
-    kind: str  # state | flag | target | texture | lease | trip | fault | marker | drift | recording | outlet
+    kind: str  # state | flag | target | texture | model | lease | trip | fault | marker | drift | recording | outlet
     message: str
     data: dict[str, Any] = {}
 

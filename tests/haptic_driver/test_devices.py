@@ -1,8 +1,9 @@
 """A rig's file becomes devices: every driver of a real rig, on instruments served over their own wires."""
 
-import threading
+import datetime
+import hashlib
 import time
-from pathlib import Path
+from contextlib import suppress
 from typing import ClassVar
 
 import numpy as np
@@ -10,40 +11,24 @@ import pytest
 
 from haptic_driver import devices as devices_module
 from haptic_driver.config import load_rig
-from haptic_driver.devices import connect_devices
+from haptic_driver.devices import calibration_ids, connect_devices
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.rig import RigState
-from haptic_driver.served_rig import ServedRig, as_real
+from haptic_driver.rig_config import EvdevFingerConfig
+from haptic_driver.served_rig import as_real
 from haptic_driver.signals import DriveCommand
-from hw.errors import DeviceError
+from hw.errors import DeviceError, DeviceTimeout
+from tests.haptic_driver.config_texts import as_real_rig, changed
+from tests.haptic_driver.stand_ins import living_rig
+from tests.waiting import until
 
-SIMULATED = Path(__file__).parents[2] / "configs" / "rigs" / "simulated.toml"
 ON = DriveCommand(250.0, 80.0, True)
 
 
 @pytest.fixture
 def served(rig_config, touch):
-    with ServedRig(rig_config, touch) as rig:
-        ended = threading.Event()
-        world = threading.Thread(target=pass_time, args=(rig, ended))
-        world.start()
-        try:
-            yield rig
-        finally:
-            ended.set()
-            world.join()
-
-
-def pass_time(rig, ended):
-    while not ended.wait(0.002):
-        rig.advance(0.002)
-
-
-def wait_for(condition, timeout_s=20.0):
-    deadline_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline_s, "did not happen"
-        time.sleep(0.01)
+    with living_rig(rig_config, touch) as rig:
+        yield rig
 
 
 def drive_until(devices, condition):
@@ -51,7 +36,14 @@ def drive_until(devices, condition):
         devices.rig.command(time.monotonic(), ON)
         return condition()
 
-    wait_for(driven)
+    until(driven)
+
+
+def touching(devices):
+    """Whether the finger touches; not known while a busy machine brings positions too late to be used."""
+    with suppress(DeviceTimeout):
+        return devices.tracker.read().touching
+    return False
 
 
 def test_a_whole_rig_comes_on_is_felt_and_goes_off(rig_config, served):
@@ -62,7 +54,7 @@ def test_a_whole_rig_comes_on_is_felt_and_goes_off(rig_config, served):
         assert served.amplifier.max_voltage_v == 0.0
         assert not devices.tracker.read().touching  # the stage is not homed
         devices.stage.home()
-        wait_for(lambda: devices.tracker.read().touching)
+        until(lambda: touching(devices))
         drive_until(devices, lambda: served.amplifier.voltage_v == pytest.approx(80.0, rel=1e-3))
         assert served.interlock.closed
         assert devices.rig.state is RigState.ON
@@ -175,10 +167,9 @@ def test_gauges_and_monitors_share_one_task_and_monitors_tell_the_peak(tmp_path,
         '<FTSensor Serial="FT1" NumGages="6"><Calibration PartNumber="SI" CalDate="1/1/2024" ForceUnits="N" '
         f'TorqueUnits="N-m" DistUnits="m" OutputRange="20">{rows}</Calibration></FTSensor>'
     )
-    text = SIMULATED.read_text(encoding="utf-8").replace("simulated = true", "simulated = false")
-    text = text.replace('resource = "simulated"', f'resource = "{served.endpoints["waveform_generator"]}"')
     lines = 'voltage_monitor = "Dev1/ai6"\ncurrent_monitor = "Dev1/ai7"\n'
-    text = text.replace("voltage_monitor_v_per_v", lines + "voltage_monitor_v_per_v") + CARD
+    real = as_real_rig(served.endpoints["waveform_generator"])
+    text = changed(real, ("voltage_monitor_v_per_v", lines + "voltage_monitor_v_per_v")) + CARD
     (tmp_path / "card.toml").write_text(text, encoding="utf-8")
     monkeypatch.setattr(devices_module, "NiAnalogInputs", Card)
     monkeypatch.setattr(Card, "made", [])
@@ -196,3 +187,20 @@ def test_gauges_and_monitors_share_one_task_and_monitors_tell_the_peak(tmp_path,
     monkeypatch.setattr(Card, "loaded", False)
     reading = devices.force_sensor.read()
     assert (reading.normal_force_n, reading.lateral_force_n) == pytest.approx((-0.5, -0.3))
+    content = hashlib.sha256((tmp_path / "unity.cal").read_bytes()).hexdigest()
+    assert calibration_ids(config)["force_sensor"] == f"FT1, calibrated 1/1/2024, SHA-256 {content}"
+
+
+def test_a_recording_says_what_each_figure_rests_on(rig_config, served):
+    signed = {"limits": "simulation, 2024-01-01", "amplifier": "simulation, 2024-01-01"}
+    assert calibration_ids(rig_config) == signed
+    real = as_real(rig_config, served.endpoints)
+    assert calibration_ids(real) == signed | {"force_sensor": "1e+06 counts per N, 1e+06 per N m"}
+    screen = EvdevFingerConfig(
+        kind="evdev", device="/dev/input/event0", matrix_m=[[1e-5, 0.0, 0.0], [0.0, 1e-5, 0.0]],
+        measured_at=datetime.date(2026, 3, 1), placeholder=True,
+    )  # fmt: skip
+    touched = real.model_copy(update={"finger_tracker": screen})
+    assert calibration_ids(touched)["touch_screen"] == "2026-03-01, placeholder"
+    unsigned = real.model_copy(update={"amplifier": real.amplifier.model_copy(update={"measured_by": " "})})
+    assert "amplifier" not in calibration_ids(unsigned)

@@ -1,28 +1,21 @@
-"""`haptic arm`, `set`, `texture play`, `off`, `disarm`, `status`, `record`, `reset` and `watch` against an API."""
+"""`haptic arm`, `set`, `texture play`, `off`, `disarm`, `status`, `record`, and `reset` against an API."""
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import signal
 import stat
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
-from haptic_driver.cli.watch import picture, sparkline
-from haptic_driver.daemon.api_records import state_frame
-from haptic_driver.daemon.processes import Place
-from haptic_driver.daemon.records import DaemonState
-from haptic_driver.daemon.server import serve
+from haptic_driver.daemon.records import DaemonState, RefusedError
+from tests.waiting import HANG_S, until
 
-HANG_S = 120.0
 SCRIPT = Path(sys.executable).with_name("haptic")
-BENCH = Path(__file__).parents[1] / "daemon" / "bench_control.py"
 COMMANDS = [
     ["arm"], ["set", "0.6"], ["texture", "play", "linen"], ["off"], ["disarm"], ["status"], ["record", "run.h5"],
     ["use", "reference"], ["reset"], ["watch"],
@@ -34,24 +27,6 @@ STATUS_KEYS = {
 
 
 @pytest.fixture
-def control():
-    spec = importlib.util.spec_from_file_location("bench_control", BENCH)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.BenchControl()
-
-
-@pytest.fixture
-def socket(control, tmp_path, monkeypatch):
-    """Where an API serves; commands find it by themselves."""
-    place = Place(tmp_path / "d.sock")
-    monkeypatch.setenv("HAPTIC_SOCKET", str(place.path))
-    with serve(control, place):
-        yield place.path
-    place.close()
-
-
-@pytest.fixture
 def armed(control, socket):
     """As `haptic arm` leaves it."""
     lease = control.arm(60.0)
@@ -60,17 +35,16 @@ def armed(control, socket):
     return lease
 
 
-def one_json(done):
+def done_json(done):
     assert done.status == 0, done.err
-    assert len(done.out.splitlines()) == 1
-    return json.loads(done.out)
+    return done.said
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
 def test_without_a_daemon_it_says_what_to_start(haptic, command, tmp_path):
     done = haptic(*command, "--socket", tmp_path / "none.sock", "--json")
     assert done.status == 1
-    error = json.loads(done.out)["error"]
+    error = done.said["error"]
     assert error["code"] == "no_daemon"
     assert "haptic daemon run" in error["hint"]
 
@@ -78,14 +52,14 @@ def test_without_a_daemon_it_says_what_to_start(haptic, command, tmp_path):
 @pytest.mark.parametrize("command", [["set", "0.6"], ["texture", "play", "linen"]], ids=" ".join)
 def test_without_arming_it_says_how_to_arm(haptic, socket, control, command):
     done = haptic(*command, "--json")
-    error = json.loads(done.out)["error"]
+    error = done.said["error"]
     assert (done.status, error["code"]) == (1, "not_armed")
     assert "haptic arm" in error["hint"]
     assert control.calls == []
 
 
 def test_status_has_the_keys_of_the_contract(haptic, socket):
-    said = one_json(haptic("status", "--json"))
+    said = done_json(haptic("status", "--json"))
     assert set(said) >= STATUS_KEYS
     assert (said["state"], said["output_on"]) == ("idle", False)
     shown = haptic("status")
@@ -93,11 +67,11 @@ def test_status_has_the_keys_of_the_contract(haptic, socket):
 
 
 def test_set_play_off_disarm(haptic, armed, control):
-    assert one_json(haptic("set", "0.6", "--json"))["target_cof"] == 0.6
+    assert done_json(haptic("set", "0.6", "--json"))["target_cof"] == 0.6
     assert "output ON" in haptic("status").out
-    assert one_json(haptic("texture", "play", "linen", "--json"))["texture"] == "linen"
-    assert one_json(haptic("off", "--json"))["state"] == "armed"
-    assert one_json(haptic("disarm", "--json"))["state"] == "idle"
+    assert done_json(haptic("texture", "play", "linen", "--json"))["texture"] == "linen"
+    assert done_json(haptic("off", "--json"))["state"] == "armed"
+    assert done_json(haptic("disarm", "--json"))["state"] == "idle"
     assert control.machine.state is DaemonState.IDLE
 
 
@@ -117,39 +91,39 @@ def test_set_play_off_disarm(haptic, armed, control):
 def test_refusals(haptic, armed, command, status, code):
     done = haptic(*command, "--json")
     assert done.status == status
-    assert json.loads(done.out)["error"]["code"] == code
+    assert done.said["error"]["code"] == code
 
 
 def test_detached_arm_fails_as_arm_does(haptic, socket):
     """Bad input exits with 2 from a process of its own too."""
     done = haptic("arm", "--detach", "--lease", "0.001", "--json")
-    assert (done.status, json.loads(done.out)["error"]["code"]) == (2, "out_of_range")
+    assert (done.status, done.said["error"]["code"]) == (2, "out_of_range")
 
 
 @pytest.mark.parametrize("cof", ["1e-3", "10"])
 def test_frictions_to_the_ends_of_the_daemons_range_are_passed_on(haptic, armed, cof):
-    assert one_json(haptic("set", cof, "--json"))["target_cof"] == float(cof)
+    assert done_json(haptic("set", cof, "--json"))["target_cof"] == float(cof)
 
 
 def test_off_that_cannot_be_shown_fails(haptic, armed, control):
     control.shown_off = False
     for command in ("off", "disarm"):
         done = haptic(command, "--json")
-        assert (done.status, json.loads(done.out)["error"]["code"]) == (1, "not_off")
+        assert (done.status, done.said["error"]["code"]) == (1, "not_off")
     assert "UNKNOWN" in haptic("status").out
 
 
 def test_record_and_reset(haptic, socket, control, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert one_json(haptic("record", "run.h5", "--json"))["recording"] == str(tmp_path / "run.h5")
-    assert one_json(haptic("record", "--stop", "--json"))["recording"] is None
+    assert done_json(haptic("record", "run.h5", "--json"))["recording"] == str(tmp_path / "run.h5")
+    assert done_json(haptic("record", "--stop", "--json"))["recording"] is None
     control.fail("by [hand]")
     assert "by [hand]" in haptic("status").out
-    assert one_json(haptic("reset", "--json"))["state"] == "idle"
+    assert done_json(haptic("reset", "--json"))["state"] == "idle"
 
 
 def test_arm_holds_the_lease_for_a_time(haptic, socket, control):
-    held = one_json(haptic("arm", "--for", "0.3", "--json"))
+    held = done_json(haptic("arm", "--for", "0.3", "--json"))
     assert (held["state"], held["lease_s"]) == ("armed", 0.5)
     assert control.machine.state is DaemonState.IDLE
     assert not Path(held["token_file"]).exists()
@@ -168,7 +142,7 @@ def holder(socket):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_disarms(haptic, holder, socket, control, number):
-    assert one_json(haptic("set", "0.6", "--json"))["output_on"] is True
+    assert done_json(haptic("set", "0.6", "--json"))["output_on"] is True
     holder.send_signal(number)
     assert holder.wait(HANG_S) == 0
     assert control.machine.state is DaemonState.IDLE
@@ -182,7 +156,7 @@ def test_disarm_ends_arm_and_a_fault_fails_it(haptic, holder, control):
     haptic("reset")
     with subprocess.Popen([SCRIPT, "arm", "--lease", "5", "--json"], stdout=subprocess.PIPE) as second:
         assert b"armed" in second.stdout.readline()
-        assert one_json(haptic("disarm", "--json"))["state"] == "idle"
+        assert done_json(haptic("disarm", "--json"))["state"] == "idle"
         assert second.wait(HANG_S) == 0
 
 
@@ -192,35 +166,14 @@ def test_detached_arm_lives_as_long_as_its_caller(socket, control):
         assert json.loads(caller.stdout.readline())["state"] == "armed"
         assert control.status().state is DaemonState.ARMED
         os.kill(caller.pid, signal.SIGKILL)
-    until_s = time.monotonic() + HANG_S
-    while ("disarm",) not in control.calls:
-        assert time.monotonic() < until_s
-        time.sleep(0.02)
+    until(lambda: ("disarm",) in control.calls)
 
 
-def test_watch_in_a_pipe_is_json_lines(haptic, socket):
-    done = haptic("watch", "--for", "0.2")
-    assert done.status == 0
-    frames = [json.loads(line) for line in done.out.splitlines()]
-    assert frames
-    assert all(frame["status"]["rig"] == "bench" for frame in frames)
+def test_a_lease_that_ran_out_is_a_failure_before_the_daemon_has_ramped_down(haptic, socket, control, monkeypatch):
+    def expired(token):
+        raise RefusedError("lease_expired", "the lease has run out", "arm again")
 
-
-def test_the_watch_picture_says_what_matters(control):
-    lease = control.arm(60.0)
-    control.set_target(lease.token, 0.6)
-    frame = state_frame(control.status(), control.samples(0, 10))
-    control.shown_off = False
-    control.fail("by hand")
-    fault = state_frame(control.status(), control.samples(0, 10)[:0])
-    from rich.console import Console
-
-    for frames, words in (([frame], "output ON"), ([frame, fault], "fault: by hand"), ([fault], "UNKNOWN")):
-        console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-        with console.file:
-            console.print(picture(frames))
-            assert words in console.export_text()
-
-
-def test_sparkline():
-    assert sparkline([0.0, None, 0.5, 1.0, 2.0, -1.0], 0.0, 1.0) == "▁ ▅██▁"
+    monkeypatch.setattr(control, "renew", expired)
+    done = haptic("arm", "--for", "20", "--json")
+    assert done.status == 1
+    assert "the lease ran out before it was renewed" in done.err

@@ -15,49 +15,24 @@ import numpy as np
 import pytest
 
 from haptic_driver.config import find_config, load_model
-from haptic_driver.daemon.control_process import Daemon
-from haptic_driver.daemon.records import DaemonState, RefusedError
-from haptic_driver.daemon.set_up import DaemonSettings, latency_budget_s, render_settings
+from haptic_driver.daemon.records import DaemonState
+from haptic_driver.daemon.set_up import latency_budget_s
 from haptic_driver.daemon.simulated_lines import Lines
 from haptic_driver.errors import BadInputError
+from haptic_driver.recording import read_run
 from haptic_driver.surface_builder import build_surface
 from hw.transport.tcp import TcpTransport
-from tests.haptic_driver.daemon.waiting import HANG_S, keep_rendering, until
+from tests.haptic_driver.daemon.refusal import refusal
+from tests.haptic_driver.daemon.waiting import keep_rendering
+from tests.waiting import HANG_S, until
 
-
-@pytest.fixture(scope="module")
-def settings(rig_config, surface_file, tmp_path_factory):
-    record = tmp_path_factory.mktemp("amplifier") / "record.txt"
-    render = render_settings(rig_config, surface_file)
-    return DaemonSettings("simulated", "reference", rig_config, surface_file, render, amplifier_record=record)
-
-
-@pytest.fixture(scope="module")
-def running(settings):
-    with Daemon(settings) as daemon:
-        yield daemon
+RIG = "simulated"
 
 
 @pytest.fixture
-def daemon(running):
-    yield running
-    running.disarm()
-
-
-@pytest.fixture
-def electrode_v(settings):
-    """The voltage at the electrode now, by the amplifier's own record."""
-
-    def voltage():
-        return float(settings.amplifier_record.read_text().split()[-1])
-
-    return voltage
-
-
-def refusal(call, *arguments):
-    with pytest.raises(RefusedError) as refused:
-        call(*arguments)
-    return refused.value.code
+def electrode_v(history):
+    """The voltage at the electrode now."""
+    return lambda: history()[-1][1]
 
 
 def test_friction_follows_its_target_through_bytes_and_back(daemon, electrode_v):
@@ -100,7 +75,7 @@ def test_a_lost_client_takes_the_output_to_zero_and_the_lease_away(daemon, elect
     keep_rendering(daemon, lease.token, lambda: electrode_v() > 10.0)
     until(lambda: daemon.status().state is DaemonState.IDLE)
     assert electrode_v() == 0.0
-    assert refusal(daemon.renew, lease.token) == "not_armed"
+    assert refusal(daemon.renew, lease.token).code == "not_armed"
     assert "lease_lost" in daemon.status().flags
     assert any(event.kind == "lease" for event in daemon.events(0))
     daemon.arm(0.3)
@@ -122,7 +97,7 @@ def test_another_fingers_model_is_used_from_then_on(daemon, settings, tmp_path):
             np.nanmax(expected.cof[:, :, 2]), rel=0.01
         )
         lease = daemon.arm(2.0)
-        assert refusal(daemon.use_model, "reference") == "not_idle"
+        assert refusal(daemon.use_model, "reference").code == "not_idle"
         daemon.set_target(lease.token, 0.65)
 
         def learnt(is_more=is_more):
@@ -140,16 +115,19 @@ def test_another_fingers_model_is_used_from_then_on(daemon, settings, tmp_path):
 
 def test_a_run_that_is_recorded_keeps_its_model(daemon, tmp_path):
     daemon.record(str(tmp_path / "run.h5"))
-    assert refusal(daemon.use_model, "reference") == "recording"
+    assert refusal(daemon.use_model, "reference").code == "recording"
     daemon.record(None)
+    attributes = read_run(tmp_path / "run.h5").attributes
+    assert attributes["model"] == "reference"
+    assert attributes["calibration_ids"]["amplifier"] == "simulation, 2024-01-01"
 
 
 def test_nothing_is_rendered_without_the_lease(daemon, electrode_v):
-    assert refusal(daemon.set_target, "guessed", 0.6) == "not_armed"
+    assert refusal(daemon.set_target, "guessed", 0.6).code == "not_armed"
     lease = daemon.arm(2.0)
-    assert refusal(daemon.set_target, "guessed", 0.6) == "not_yours"
-    assert refusal(daemon.arm, 2.0) == "already_armed"
-    assert refusal(daemon.reset) == "no_fault"
+    assert refusal(daemon.set_target, "guessed", 0.6).code == "not_yours"
+    assert refusal(daemon.arm, 2.0).code == "already_armed"
+    assert refusal(daemon.reset).code == "no_fault"
     with pytest.raises(BadInputError, match="there is no texture 'gratin'"):
         daemon.play(lease.token, "gratin")
     assert daemon.status().state is DaemonState.ARMED
@@ -212,8 +190,8 @@ def test_a_trip_of_the_amplifier_is_a_fault_until_it_is_reset(daemon, electrode_
     status = daemon.status()
     assert "enable line" in status.fault
     assert "tripped" in status.flags
-    assert refusal(daemon.renew, lease.token) == "not_armed"
-    assert refusal(daemon.arm, 1.0) == "fault"
+    assert refusal(daemon.renew, lease.token).code == "not_armed"
+    assert refusal(daemon.arm, 1.0).code == "fault"
     assert daemon.reset().state is DaemonState.IDLE
     assert daemon.status().fault is None
 
@@ -226,7 +204,7 @@ def since(daemon):
 
 def test_markers_of_a_script_are_told_when_they_pass(daemon, tmp_path):
     script = tmp_path / "blocks.csv"
-    script.write_text("time_s,cof,label\n0,0.6,begin\n0.2,0.65,\n0.4,0.7,second block\n9,0.6,end\n")
+    script.write_text("time_s,cof,label\n0,0.6,begin\n0.2,0.65,\n0.4,0.7,second block\n900,0.6,end\n")
     new = since(daemon)
     lease = daemon.arm(2.0)
     began_s = time.monotonic()
