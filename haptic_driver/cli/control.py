@@ -159,8 +159,8 @@ def play(name: str, socket: Path | None, as_json: bool) -> None:
 def show_status(status: Status) -> None:
     """The status for a person."""
     on = {True: ("ON", "bold red"), False: ("off", ""), None: ("UNKNOWN", "bold red")}[status.output_on]
-    rig = f"; rig {status.rig}{' (simulated)' if status.simulated else ''}"
-    stdout.print(Text.assemble((status.state, "bold"), ", output ", on, rig))
+    rig = f"; rig {status.rig}{' (simulated)' if status.simulated else ''}, by {status.actuator}"
+    stdout.print(Text.assemble((status.state, "bold"), ", output ", on, rig, f"; model {status.model}"))
     asked = status.texture or ("nothing" if status.target_cof is None else f"friction {status.target_cof:.3g}")
     stdout.print(f"  asked {asked}; measured {number(status.measured_cof, '.3f')}")
     stdout.print(f"  {number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak")

@@ -27,6 +27,7 @@ from haptic_driver.cli.output import (
 from haptic_driver.config import RigConfig, load_model, load_rig, parse, read_toml
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.bench import SimulatedBench
+from haptic_driver.experiments.check import told
 from haptic_driver.experiments.data_file import DataFile
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.run import Experiment, prepare, run
@@ -185,8 +186,8 @@ def _tell_refused(experiment: Experiment, strict: bool) -> None:
     refusals = experiment.refusals
     if not refusals:
         return
-    for refusal in refusals:
-        stderr.print(f"refused: {refusal}")
+    for line in told(refusals):
+        stderr.print(f"refused: {line}")
     said = f"rig {experiment.config.name} refuses {len(refusals)} of {len(experiment.plan.settings)} points"
     if strict:
         raise BadInputError("refused", f"plan {experiment.plan.name}: {said}", "Change the plan, or leave out --strict")

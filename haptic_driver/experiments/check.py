@@ -24,9 +24,24 @@ class Refusal(NamedTuple):
 
     def __str__(self) -> str:
         """For a person."""
-        s = self.setting
-        at = f"{s.frequency_hz:g} Hz, {s.voltage_v:g} V, {s.normal_force_n:g} N, {1e3 * s.speed_m_s:g} mm/s"
-        return f"{at}: {self.reason}"
+        return told([self])[0]
+
+
+def told(refusals: Sequence[Refusal]) -> list[str]:
+    """A line for each frequency, voltage and reason, over all its loads and speeds."""
+    groups: dict[tuple[float, float, str], list[Setting]] = {}
+    for setting, reason in refusals:
+        groups.setdefault((setting.frequency_hz, setting.voltage_v, reason), []).append(setting)
+    return [
+        f"{frequency_hz:g} Hz, {voltage_v:g} V, {_span([s.normal_force_n for s in settings])} N, "
+        f"{_span([1e3 * s.speed_m_s for s in settings])} mm/s: {reason}"
+        for (frequency_hz, voltage_v, reason), settings in groups.items()
+    ]
+
+
+def _span(values: Sequence[float]) -> str:
+    low, high = min(values), max(values)
+    return f"{low:g}" if low == high else f"{low:g}..{high:g}"
 
 
 def check(

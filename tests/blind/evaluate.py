@@ -165,7 +165,7 @@ def table(answers: dict[str, Answer], labels: dict[str, Any], columns: dict[str,
         )
     lines += [
         "",
-        f"Not counted above: {len(hopeless)} sets whose columns hold no trace of the hidden effect or no noise.",
+        f"Not counted above: {_sets(len(hopeless))} whose columns hold no trace of the hidden effect or no noise.",
     ]
     lines.append(_verdicts("They are called", [answers[n] for n in sorted(hopeless)]))
     lines += ["", "## Outside the catalogue, by what the catalogue leaves unexplained", ""]
@@ -201,6 +201,10 @@ def table(answers: dict[str, Answer], labels: dict[str, Any], columns: dict[str,
     lines += ["## Every wrong name", "", *(misnamed or ["none"]), ""]
     errors = [f"- {name}: {got.error}" for name, got in answers.items() if got.error]
     return "\n".join(lines + (["## Errors", "", *errors, ""] if errors else []))
+
+
+def _sets(count: int) -> str:
+    return "1 set" if count == 1 else f"{count} sets"
 
 
 def _verdicts(before: str, part: list[Answer]) -> str:

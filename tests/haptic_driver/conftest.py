@@ -13,6 +13,7 @@ from haptic_driver.config import load_model, load_rig
 from haptic_driver.surface_builder import SurfaceAxes, build_surface
 from haptic_driver.surface_file import FORCE_REFINEMENT, SurfaceFile, ready_for_lookup
 from model.touch_model import TouchModel
+from tests.haptic_driver.commands import one_object
 
 SEED = 20240607
 
@@ -141,6 +142,11 @@ class Outcome(NamedTuple):
     status: int
     out: str
     err: str
+
+    @property
+    def said(self) -> dict[str, Any]:
+        """All of stdout, which is one line with one object of strict JSON."""
+        return one_object(self.out)
 
 
 @pytest.fixture

@@ -1,44 +1,39 @@
-"""The Python client: a lease that is kept, and an output that is off whatever ends the block."""
+"""The Python client: a lease that is kept, an output that is off whatever ends the block, and answers of strangers."""
 
 from __future__ import annotations
 
-import importlib.util
+import json
 import os
 import signal
+import socketserver
 import subprocess
 import sys
 import threading
 import time
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from haptic_driver.client import HapticClient, LeaseLostError, NoDaemonError
-from haptic_driver.daemon.processes import Place
 from haptic_driver.daemon.records import DaemonState, RefusedError
-from haptic_driver.daemon.server import serve
 from haptic_driver.errors import BadInputError, HapticError
-from tests.haptic_driver.daemon.waiting import HANG_S, until
+from tests.haptic_driver.daemon.bench_control import BenchControl, serving
+from tests.waiting import HANG_S, until
 
 LONG_S = 5.0  # a lease that a busy machine does not lose
 
 
 @pytest.fixture
 def control():
-    path = Path(__file__).with_name("bench_control.py")
-    spec = importlib.util.spec_from_file_location("bench_control", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.BenchControl()
+    return BenchControl()
 
 
 @pytest.fixture
 def socket(control, tmp_path):
-    place = Place(tmp_path / "d.sock")
-    with serve(control, place):
-        yield place.path
-    place.close()
+    with serving(control, tmp_path):
+        yield tmp_path / "d.sock"
 
 
 @pytest.fixture
@@ -135,12 +130,8 @@ def test_no_daemon(tmp_path):
     assert "haptic daemon run" in refused.value.hint
 
 
-def test_a_file_of_ones_own_is_sent_by_its_whole_path(client, control, tmp_path, monkeypatch):
+def test_a_recording_is_named_by_its_whole_path(client, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.toml").write_text("")
-    with pytest.raises(BadInputError):
-        client.play("token", "mine.toml")
-    assert control.calls == [("play", str(tmp_path / "mine.toml"))]
     client.record(Path("run.h5"))
     assert client.status().recording == str(tmp_path / "run.h5")
     assert client.record(None).recording is None
@@ -163,3 +154,62 @@ def test_views(client, control):
     assert np.isnan(samples["measured_cof"][-1])
     assert next(client.watch()).status.rig == "bench"
     assert next(client.watch_events()).message == "idle"
+
+
+# --- answers that are no daemon's, and what is sent as a name or as a path -------------------------------------------
+
+
+class Stranger(BaseHTTPRequestHandler):
+    """Answers everything with the same object, and keeps what was asked."""
+
+    heard: list[dict[str, str]]
+
+    def answer(self):
+        length = int(self.headers.get("Content-Length", 0))
+        self.heard.append(json.loads(self.rfile.read(length) or b"{}"))
+        self.send_response(200)
+        self.send_header("Content-Length", "13")
+        self.end_headers()
+        self.wfile.write(b'{"who": "me"}')
+
+    do_GET = do_POST = answer  # noqa: N815 - the names of http.server
+
+    def address_string(self):
+        return "somebody"
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture
+def stranger(tmp_path):
+    Stranger.heard = []
+    with socketserver.ThreadingUnixStreamServer(str(tmp_path / "s.sock"), Stranger) as server:
+        server.daemon_threads = True
+        thread = threading.Thread(target=server.serve_forever, args=(0.02,))
+        thread.start()
+        with HapticClient(tmp_path / "s.sock") as client:
+            yield client
+        server.shutdown()
+        thread.join()
+
+
+def test_an_answer_that_is_no_daemons_is_an_error_and_no_traceback(stranger):
+    with pytest.raises(HapticError, match="the answer is no Status") as failed:
+        stranger.status()
+    assert failed.value.code == "bad_answer"
+
+
+@pytest.mark.parametrize(
+    ("asked", "is_path"),
+    [("linen", False), ("linen.toml", True), ("deep/linen", True), ("none.toml", False)],
+)
+def test_a_path_is_sent_whole_and_a_name_as_it_is(stranger, tmp_path, monkeypatch, asked, is_path):
+    """A file that happens to have the name of a texture once took its place."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "deep").mkdir()
+    for name in ("linen", "linen.toml", "deep/linen"):
+        (tmp_path / name).write_text("")
+    with pytest.raises(HapticError, match="no Status"):
+        stranger.play("token", asked)
+    assert Stranger.heard[-1]["name"] == (str(tmp_path / asked) if is_path else asked)

@@ -8,9 +8,7 @@ import pytest
 from haptic_driver.config import RigConfig, config_dirs, load_model, load_rig, parse, texture_dirs
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS
-
-OWN = Path(__file__).parents[2] / "configs"
-RIG = (OWN / "rigs" / "simulated.toml").read_text(encoding="utf-8")
+from tests.haptic_driver.config_texts import CONFIGS, SIMULATED, changed
 
 
 @pytest.fixture(autouse=True)
@@ -27,10 +25,9 @@ def refused(load, *arguments):
     return error.value
 
 
-def rig_file(tmp_path, old="", new="", content=RIG):
-    assert old in content
+def rig_file(tmp_path, old="", new="", content=SIMULATED):
     path = tmp_path / "bench.toml"
-    path.write_text(content.replace(old, new, 1), encoding="utf-8")
+    path.write_text(changed(content, (old, new)), encoding="utf-8")
     return str(path)
 
 
@@ -49,12 +46,12 @@ def test_the_shipped_rig_becomes_operating_limits():
     assert limits.series_resistance_ohm == 0.0
 
 
-@pytest.mark.parametrize("path", sorted((OWN / "rigs").glob("*.toml")), ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", sorted((CONFIGS / "rigs").glob("*.toml")), ids=lambda p: p.stem)
 def test_every_shipped_rig_is_valid(path):
     assert load_rig(str(path)).name
 
 
-@pytest.mark.parametrize("path", sorted((OWN / "models").glob("*.toml")), ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", sorted((CONFIGS / "models").glob("*.toml")), ids=lambda p: p.stem)
 def test_every_shipped_model_is_valid(path):
     assert load_model(str(path)).name == path.stem
 
@@ -182,7 +179,7 @@ def test_an_unknown_name_offers_the_nearest(load, name, code, nearest):
 
 
 def test_a_mistake_in_a_model_file_is_bad_input(tmp_path):
-    text = (OWN / "models" / "reference.toml").read_text(encoding="utf-8")
+    text = (CONFIGS / "models" / "reference.toml").read_text(encoding="utf-8")
     (tmp_path / "mine.toml").write_text(text.replace("hurst_exponent ", "hurst_exponnt "), encoding="utf-8")
     error = refused(load_model, str(tmp_path / "mine.toml"))
     assert error.code == "bad_model"
@@ -191,7 +188,7 @@ def test_a_mistake_in_a_model_file_is_bad_input(tmp_path):
 
 
 def test_a_section_that_is_no_section_is_refused():
-    content = tomllib.loads(RIG) | {"limits": 150.0}
+    content = tomllib.loads(SIMULATED) | {"limits": 150.0}
     error = refused(parse, RigConfig, content, "here")
     assert error.code == "bad_config"
     assert error.message.startswith("here: limits:")
@@ -203,7 +200,7 @@ def test_a_section_that_is_no_section_is_refused():
 def put(folder, name):
     path = folder / "rigs" / "bench.toml"
     path.parent.mkdir(parents=True)
-    path.write_text(RIG.replace('name = "simulated"', f'name = "{name}"'), encoding="utf-8")
+    path.write_text(SIMULATED.replace('name = "simulated"', f'name = "{name}"'), encoding="utf-8")
 
 
 def test_the_named_folder_comes_before_the_local_one_and_the_programs_own(monkeypatch, tmp_path):
@@ -213,7 +210,7 @@ def test_the_named_folder_comes_before_the_local_one_and_the_programs_own(monkey
     monkeypatch.setenv("HAPTIC_CONFIGS", str(tmp_path / "elsewhere"))
     assert load_rig("bench").name == "named"
     assert load_rig("simulated").name == "simulated"  # still found where it was
-    assert config_dirs() == [tmp_path / "elsewhere", Path("configs"), OWN]
+    assert config_dirs() == [tmp_path / "elsewhere", Path("configs"), CONFIGS]
     assert texture_dirs() == [folder / "textures" for folder in config_dirs()]
 
 

@@ -1,11 +1,9 @@
-"""Files are written as a whole or not at all, and pictures are closed."""
+"""Files are written as a whole or not at all."""
 
-import matplotlib.pyplot as plt
 import pytest
 
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import HapticError
 from haptic_driver.files import replacing, write_rows
-from haptic_driver.picture_files import saved
 
 
 def test_a_new_file_in_a_new_folder(tmp_path):
@@ -41,26 +39,3 @@ def test_a_folder_in_the_way_is_said(tmp_path):
 def test_rows(tmp_path):
     write_rows(tmp_path / "t.csv", [{"name": "a, b", "n": 1.5}, {"name": "c", "n": 2}])
     assert (tmp_path / "t.csv").read_bytes() == b'name,n\r\n"a, b",1.5\r\nc,2\r\n'
-
-
-@pytest.mark.parametrize("ending", [".png", ".pdf", ".svg", ".PNG"])
-def test_a_picture_is_what_its_name_says(tmp_path, ending):
-    path = tmp_path / f"x{ending}"
-    with saved(plt.figure(), path):
-        pass
-    begins = {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}[ending.lower()]
-    assert path.read_bytes().startswith(begins)
-    assert plt.get_fignums() == []
-
-
-def test_a_picture_that_cannot_be_named_is_refused_before_it_is_drawn(tmp_path):
-    with pytest.raises(BadInputError, match="no name of a picture"), saved(plt.figure(), tmp_path / "x.gif"):
-        pytest.fail("drawn")
-    assert plt.get_fignums() == []
-
-
-def test_a_picture_whose_drawing_fails_is_closed(tmp_path):
-    with pytest.raises(ZeroDivisionError), saved(plt.figure(), tmp_path / "x.png"):
-        raise ZeroDivisionError
-    assert plt.get_fignums() == []
-    assert list(tmp_path.iterdir()) == []

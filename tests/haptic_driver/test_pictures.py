@@ -6,29 +6,8 @@ import pytest
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.pictures import draw_slide, draw_surface
-from haptic_driver.rig import OffEvidence
-from haptic_driver.slides import Slide, SlideRecord
-from hw.amplifier import AmplifierState
-
-
-def record(contact=True):
-    time = np.arange(300) * 1e-3
-    force = np.full(300, 0.5 if contact else 0.0)
-    return SlideRecord(
-        slide=Slide("by hand", time, 0.05 * time, force),
-        target_cof=np.full(300, 0.6),
-        measured_cof=np.full(300, 0.61 if contact else np.nan),
-        voltage_v=np.full(300, 70.0 if contact else 0.0),
-        frequency_hz=np.full(300, 250.0),
-        in_contact=np.full(300, contact),
-        reachable=np.ones(300, bool),
-        off_screen=np.full(300, not contact),
-        saturated=np.zeros(300, bool),
-        feedback_gain=np.ones(300),
-        max_voltage_v=70.0,
-        rejections=0,
-        off=OffEvidence(True, AmplifierState.DISABLED, 0.0),
-    )
+from haptic_driver.slides import Slide
+from tests.haptic_driver.slide_records import made_record
 
 
 def assert_picture(path):
@@ -38,12 +17,17 @@ def assert_picture(path):
 
 
 def test_a_slide(tmp_path):
-    draw_slide(record(), "grating", tmp_path / "slide.png")
+    draw_slide(made_record(300), "grating", tmp_path / "slide.png")
     assert_picture(tmp_path / "slide.png")
 
 
 def test_a_slide_without_contact_is_drawn_without_a_warning(tmp_path):
-    draw_slide(record(contact=False), "grating", tmp_path / "slide.png")
+    nothing, time = np.zeros(300, bool), np.arange(300) * 1e-3
+    lifted = made_record(
+        300, slide=Slide("lifted", time, 0.05 * time, np.zeros(300)), measured_cof=np.full(300, np.nan),
+        voltage_v=np.zeros(300), in_contact=nothing, off_screen=~nothing, max_voltage_v=0.0,
+    )  # fmt: skip
+    draw_slide(lifted, "grating", tmp_path / "slide.png")
     assert_picture(tmp_path / "slide.png")
 
 

@@ -1,6 +1,5 @@
 """Recordings read back and exported: `haptic_driver/recording.py` and `haptic export`."""
 
-import csv
 import json
 import os
 import sys
@@ -14,6 +13,7 @@ from haptic_driver.daemon.recorder import Chunk, RunHeader, RunWriter
 from haptic_driver.daemon.records import Event
 from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.errors import BadInputError, HapticError
+from tests.haptic_driver.commands import rows_of
 
 HEADER = RunHeader(
     rig="bench", simulated=True, model="reference", surface_hash="ab12", calibration_ids={}, software_version="0.1.0",
@@ -45,11 +45,6 @@ def _small_blocks(monkeypatch):
     monkeypatch.setattr(recording, "BLOCK_ROWS", 256)
 
 
-def table(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def test_runs_are_in_the_order_of_their_numbers(tmp_path):
     """run_10000 once came before run_9999, and the last one was not the newest."""
     with h5py.File(tmp_path / "many.h5", "w") as file:
@@ -67,7 +62,7 @@ def test_csv_holds_every_number_to_the_last_bit(path, samples, tmp_path):
     done = []
     assert recording.export(path, tmp_path / "run.csv", progress=done.append) == 700
     assert done == [256, 512, 700]
-    rows = table(tmp_path / "run.csv")
+    rows = rows_of(tmp_path / "run.csv")
     assert list(rows[0]) == list(SAMPLE.names)
     assert [int(row["tick"]) for row in rows] == samples["tick"].tolist()
     assert [float(row["time_s"]) for row in rows] == samples["time_s"].tolist()
@@ -89,7 +84,7 @@ def test_parquet_holds_the_same_and_where_it_comes_from(path, samples, tmp_path)
 def test_another_run_and_its_events(path, tmp_path):
     assert recording.export(path, tmp_path / "first.csv", run="run_0001") == 10
     assert recording.export(path, tmp_path / "events.csv", events=True) == 1
-    (row,) = table(tmp_path / "events.csv")
+    (row,) = rows_of(tmp_path / "events.csv")
     assert row == {"number": "1", "time_s": "0.5", "kind": "state", "message": 'armed, "quoted"', "data": '{"a": 1}'}
 
 
@@ -164,7 +159,7 @@ def test_the_command_says_what_it_wrote(haptic, path, tmp_path):
     done = haptic("export", path, "--out", tmp_path / "run.csv", "--json")
     assert done.status == 0
     assert done.err == ""
-    assert json.loads(done.out) == {
+    assert done.said == {
         "recording": str(path), "out": str(tmp_path / "run.csv"), "run": "run_0002", "runs": ["run_0001", "run_0002"],
         "rows": 700,
     }  # fmt: skip
@@ -179,5 +174,5 @@ def test_the_command_refuses_with_status_2(haptic, path, tmp_path, monkeypatch, 
     monkeypatch.chdir(tmp_path)
     done = haptic("export", path, *arguments, "--json")
     assert done.status == 2
-    assert json.loads(done.out)["error"]["code"] == code
+    assert done.said["error"]["code"] == code
     assert os.listdir(tmp_path) == ["run.h5"]

@@ -12,46 +12,21 @@ from haptic_driver.rig import OffEvidence, RigState, SafetySettings, build_rig
 from haptic_driver.signals import DriveCommand
 from hw.amplifier import AmplifierState
 from hw.errors import DeviceTimeout
-from hw.force_sensor import ForceReading
 from hw.interlock import HeartbeatInterlock
 from hw.simulated.amplifier import SimulatedAmplifier
 from hw.simulated.faults import Fault, FaultyInstrument
 from hw.simulated.interlock import SimulatedInterlock
-from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.simulated.waveform_generator import Simulated33220A
 from hw.transport.memory import MemoryTransport
+from tests.clock import ManualClock
+from tests.haptic_driver.stand_ins import BreakableSensor, Heard
+from tests.hw.instruments import IMMEDIATE
 
 OFF = DriveCommand(250.0, 0.0, False)
 
 
 def on(voltage_v, frequency_hz=250.0):
     return DriveCommand(frequency_hz, voltage_v, True)
-
-
-class Wire:
-    """Keeps every message that changes the amplitude or switches the output."""
-
-    def __init__(self, core):
-        self.core = core
-        self.messages = []
-
-    def handle(self, data):
-        self.messages.append(data.decode())
-        return self.core.handle(data)
-
-    def take(self):
-        taken, self.messages = self.messages, []
-        return taken
-
-
-class Sensor:
-    """A force sensor that can be broken."""
-
-    broken = False
-
-    def read(self):
-        if self.broken:
-            raise DeviceTimeout("sensor did not answer", "check its cable")
-        return ForceReading(0.0, 0.5, 0.3, False)
 
 
 class Monitor:
@@ -87,10 +62,10 @@ class Bench:
 
     def __init__(self, config, enable=True, monitor=True, **options):
         self.amplifier = SimulatedAmplifier(100.0, 700.0, enabled=not enable)
-        self.generator = Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0), listener=self.amplifier.drive)
+        self.generator = Simulated33220A(IMMEDIATE, listener=self.amplifier.drive)
         self.faults = FaultyInstrument(self.generator)
-        self.wire = Wire(self.faults)
-        self.sensor = Sensor()
+        self.wire = Heard(self.faults)
+        self.sensor = BreakableSensor()
         line = self.amplifier if enable else None
         self.monitor = Monitor(self.amplifier)
         self.rig = build_rig(
@@ -286,14 +261,12 @@ def test_it_comes_on_at_the_minimum_and_rises_by_bounded_steps(bench):
 
 def test_a_planned_stop_ramps_down_then_generator_then_amplifier(bench):
     steps = []
-    config_step_v = 100.0
-    stopping = bench.rig
-    stopping._sleep = lambda dt: steps.append((dt, bench.voltage_v))
+    bench.rig._sleep = lambda dt: steps.append((dt, bench.voltage_v))
     for tick in range(3):
-        stopping.command(0.01 * tick, on(150.0))
+        bench.rig.command(0.01 * tick, on(150.0))
     bench.wire.take()
-    assert stopping.stop().output_on is False
-    assert [v for _, v in steps] == pytest.approx([150.0 - config_step_v, 1.0], rel=1e-3)
+    assert bench.rig.stop().output_on is False
+    assert [v for _, v in steps] == pytest.approx([50.0, 1.0], rel=1e-3)  # 100 V per set point
     assert [dt for dt, _ in steps] == [0.01, 0.01]
     assert "OUTP 0" in bench.wire.take()[2]
     assert bench.amplifier.read() is False
@@ -546,20 +519,22 @@ def test_an_off_that_was_not_heard_is_tried_again(rig_config):
 
 def test_an_interlock_box_opens_by_itself_when_the_caller_stalls(rig_config):
     """The box is enable line and heartbeat at once; nobody calls the rig any more, and nobody needs to."""
-    clock_s = [0.0]
-    box = SimulatedInterlock(lambda: clock_s[0])
+    clock = ManualClock()
+    box = SimulatedInterlock(clock)
     interlock = HeartbeatInterlock(MemoryTransport(box))
     interlock.connect()
     amplifier = SimulatedAmplifier(100.0, 700.0, enabled=True, interlock=lambda: box.closed)
-    generator = Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0), listener=amplifier.drive)
-    rig = build_rig(rig_config, MemoryTransport(generator), Sensor(), interlock, amplifier, heartbeats=[interlock])
+    generator = Simulated33220A(IMMEDIATE, listener=amplifier.drive)
+    rig = build_rig(
+        rig_config, MemoryTransport(generator), BreakableSensor(), interlock, amplifier, heartbeats=[interlock]
+    )
     rig.connect()
     for tick in range(1000):
-        clock_s[0] = 1e-3 * tick
-        rig.command(clock_s[0], on(80.0))
+        clock.now_s = 1e-3 * tick
+        rig.command(clock.now_s, on(80.0))
         assert amplifier.voltage_v == pytest.approx(80.0, rel=1e-3)
-    clock_s[0] += 0.25
+    clock.sleep(0.25)
     assert amplifier.voltage_v == 0.0
     with pytest.raises(HapticError, match=r"has opened its contact \(silent\)"):
-        rig.command(clock_s[0], on(80.0))
+        rig.command(clock.now_s, on(80.0))
     assert rig.state is RigState.OFF

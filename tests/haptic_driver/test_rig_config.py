@@ -8,18 +8,16 @@ import pytest
 from haptic_driver.config import load_rig
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig_config import NiForceSensorConfig
+from tests.haptic_driver.config_texts import CONFIGS, SIMULATED, changed
 
-RIGS = Path(__file__).parents[2] / "configs" / "rigs"
+RIGS = CONFIGS / "rigs"
 TEMPLATE = (RIGS / "template.toml").read_text(encoding="utf-8")
 VOUCHED = 'measured_by = "A. Student"\nmeasured_at = 2025-06-01'
 
 
 def rig_file(tmp_path, *changes, content=TEMPLATE):
-    for old, new in changes:
-        assert old in content, old
-        content = content.replace(old, new, 1)
     path = tmp_path / "bench.toml"
-    path.write_text(content, encoding="utf-8")
+    path.write_text(changed(content, *changes), encoding="utf-8")
     return str(path)
 
 
@@ -147,5 +145,5 @@ def test_the_calibration_file_is_looked_for_beside_the_rigs_file():
 
 
 def test_a_simulated_rig_has_no_real_devices(tmp_path):
-    content = (RIGS / "simulated.toml").read_text(encoding="utf-8") + '[watchdog]\ngenerator = "TCPIP::h::1::SOCKET"\n'
+    content = SIMULATED + '[watchdog]\ngenerator = "TCPIP::h::1::SOCKET"\n'
     assert "watchdog: a simulated rig has no such real device" in refused(rig_file(tmp_path, content=content)).message

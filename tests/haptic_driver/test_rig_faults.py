@@ -11,7 +11,7 @@ import threading
 from contextlib import suppress
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_driver.config import load_rig
@@ -19,12 +19,14 @@ from haptic_driver.errors import HapticError
 from haptic_driver.rig import RigState, build_rig
 from haptic_driver.signals import DriveCommand
 from hw.errors import DeviceDisconnected, DeviceTimeout
-from hw.force_sensor import ForceReading
 from hw.simulated.amplifier import SimulatedAmplifier
 from hw.simulated.faults import Fault, FaultyInstrument
 from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
 from hw.transport.faulty import Faulty, LinkFault, LinkFaultKind
 from hw.transport.memory import MemoryTransport
+from tests.clock import ManualClock
+from tests.haptic_driver.stand_ins import BreakableSensor
+from tests.hw.instruments import IMMEDIATE
 
 REPLY_TIMEOUT_S = 0.2
 LINE_TIMEOUT_S = 0.05
@@ -43,20 +45,17 @@ CONFIG = CONFIG.model_copy(
 )
 
 
-class Clock:
-    """Simulated time; whoever sleeps on it lets the instruments live."""
+class Clock(ManualClock):
+    """Whoever sleeps on it lets the instruments live."""
 
     def __init__(self):
-        self.now_s = 0.0
+        super().__init__()
         self.listeners = []
 
-    def __call__(self):
-        return self.now_s
-
-    def sleep(self, dt_s):
-        self.now_s += dt_s
+    def sleep(self, duration_s):
+        super().sleep(duration_s)
         for listener in self.listeners:
-            listener(dt_s)
+            listener(duration_s)
 
 
 class WaitingTransport(MemoryTransport):
@@ -109,15 +108,6 @@ class Line:
             raise DeviceTimeout("line: did not answer")
 
 
-class Sensor:
-    broken = False
-
-    def read(self):
-        if self.broken:
-            raise DeviceTimeout("sensor did not answer", "check its cable")
-        return ForceReading(0.0, 0.5, 0.3, False)
-
-
 class Bench:
     """A rig whose amplifier would let any voltage through."""
 
@@ -132,7 +122,7 @@ class Bench:
         self.link = ScriptedLink(WaitingTransport(self.instrument, self.clock), link, sleep=self.clock.sleep)
         self.enable = Line(self.amplifier, self.clock)
         self.monitor = Line(self.amplifier, self.clock)
-        self.sensor = Sensor()
+        self.sensor = BreakableSensor()
         self.rig = build_rig(
             CONFIG,
             self.link,
@@ -248,14 +238,14 @@ def run(hardware, script):
     return bench
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=200)
 @given(HARDWARE, SCRIPT)
 def test_random_faults_end_at_zero_or_unknown_and_never_above_the_limit(hardware, script):
     recovered(run(hardware, script))
 
 
 @pytest.mark.soak
-@settings(max_examples=10_000, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=10_000)
 @given(HARDWARE, SCRIPT)
 @pytest.mark.timeout(3600)
 def test_ten_thousand_random_faults_end_at_zero_or_unknown(hardware, script):
@@ -315,9 +305,9 @@ class Gate:
 @pytest.mark.parametrize("enable", [True, False])
 def test_off_is_bounded_while_another_thread_is_stuck_in_a_command(enable):
     amplifier = SimulatedAmplifier(100.0, 700.0, enabled=not enable)
-    generator = Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0), listener=amplifier.drive)
+    generator = Simulated33220A(IMMEDIATE, listener=amplifier.drive)
     gate = Gate(generator)
-    rig = build_rig(CONFIG, MemoryTransport(gate), Sensor(), amplifier if enable else None, amplifier)
+    rig = build_rig(CONFIG, MemoryTransport(gate), BreakableSensor(), amplifier if enable else None, amplifier)
     rig.connect()
     rig.command(0.0, DriveCommand(250.0, 80.0, True))
     gate.block = True
@@ -360,8 +350,8 @@ class Interrupting(SimulatedAmplifier):
 @pytest.mark.timeout(60)
 def test_off_in_the_middle_of_switching_on_wins():
     amplifier = Interrupting(100.0, 700.0)
-    generator = Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0), listener=amplifier.drive)
-    rig = build_rig(CONFIG, MemoryTransport(generator), Sensor(), amplifier, amplifier)
+    generator = Simulated33220A(IMMEDIATE, listener=amplifier.drive)
+    rig = build_rig(CONFIG, MemoryTransport(generator), BreakableSensor(), amplifier, amplifier)
     rig.connect()
     evidence = []
     other = threading.Thread(target=lambda: evidence.append(rig.off()))

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.rig import OffEvidence
-from haptic_driver.slides import Slide, SlideRecord, read_slide, score, synthetic_slide
-from hw.amplifier import AmplifierState
+from haptic_driver.slides import Slide, read_slide, score, synthetic_slide
+from tests.haptic_driver.slide_records import made_record
 
 HEADER = "time_s,position_m,normal_force_n"
 
@@ -172,29 +171,8 @@ def test_speed_is_that_of_a_steady_slide():
 # --- score -----------------------------------------------------------------------------------------------------
 
 
-def record(**changed):
-    """100 ticks at 50 mm/s, friction 0.6 wanted and met."""
-    time = np.arange(100) * 1e-3
-    fields = {
-        "slide": Slide("by hand", time, 0.05 * time, np.full(100, 0.5)),
-        "target_cof": np.full(100, 0.6),
-        "measured_cof": np.full(100, 0.6),
-        "voltage_v": np.full(100, 70.0),
-        "frequency_hz": np.full(100, 250.0),
-        "in_contact": np.ones(100, bool),
-        "reachable": np.ones(100, bool),
-        "off_screen": np.zeros(100, bool),
-        "saturated": np.zeros(100, bool),
-        "feedback_gain": np.ones(100),
-        "max_voltage_v": 77.0,
-        "rejections": 0,
-        "off": OffEvidence(True, AmplifierState.DISABLED, 0.0),
-    }
-    return SlideRecord(**(fields | changed))
-
-
 def test_all_met():
-    result = score(record())
+    result = score(made_record())
     assert result.share_within_5_percent == 1.0
     assert result.cof_error_rms == 0.0
     assert result.contact_time_s == pytest.approx(0.100)
@@ -207,7 +185,7 @@ def test_all_met():
 def test_share_and_error_by_hand():
     measured = np.full(100, 0.6)
     measured[:20], measured[20:30], measured[30:35] = 0.6 * 1.051, 0.6 * 0.951, 0.6 * 0.949
-    result = score(record(measured_cof=measured))
+    result = score(made_record(measured_cof=measured))
     assert result.share_within_5_percent == pytest.approx(0.75)  # 20 too high and 5 too low of 100
     expected = 0.6 * math.sqrt((20 * 0.051**2 + 10 * 0.049**2 + 5 * 0.051**2) / 100)
     assert result.cof_error_rms == pytest.approx(expected, rel=1e-9)
@@ -219,7 +197,7 @@ def test_what_cannot_be_judged_does_not_count():
     measured[:10], contact[:10] = np.nan, False
     target[10:20], measured[10:20] = np.nan, 5.0
     measured[20:40], reachable[20:40] = 5.0, False
-    result = score(record(measured_cof=measured, target_cof=target, in_contact=contact, reachable=reachable))
+    result = score(made_record(measured_cof=measured, target_cof=target, in_contact=contact, reachable=reachable))
     assert result.share_within_5_percent == 1.0
     assert result.contact_time_s == pytest.approx(0.090)
     assert result.sliding_time_s == pytest.approx(0.080)
@@ -228,7 +206,7 @@ def test_what_cannot_be_judged_does_not_count():
 
 def test_a_resting_finger_is_not_judged():
     time = np.arange(100) * 1e-3
-    result = score(record(slide=Slide("rest", time, np.full(100, 0.01), np.full(100, 0.5))))
+    result = score(made_record(slide=Slide("rest", time, np.full(100, 0.01), np.full(100, 0.5))))
     assert result.sliding_time_s == 0.0
     assert result.contact_time_s == pytest.approx(0.100)
     assert math.isnan(result.share_within_5_percent)
@@ -238,4 +216,6 @@ def test_a_resting_finger_is_not_judged():
 def test_voltage_off_the_screen_is_counted():
     off_screen, voltage = np.zeros(100, bool), np.full(100, 70.0)
     off_screen[50:], voltage[70:] = True, 0.0
-    assert score(record(off_screen=off_screen, voltage_v=voltage)).output_on_without_contact_s == pytest.approx(0.020)
+    assert score(made_record(off_screen=off_screen, voltage_v=voltage)).output_on_without_contact_s == pytest.approx(
+        0.020
+    )

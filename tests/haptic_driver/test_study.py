@@ -1,7 +1,7 @@
 """Population studies: what is drawn, what comes out, and that neither machine nor interruption changes a number."""
 
-import csv
 import json
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
@@ -14,6 +14,7 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.study import TASKS, load_study, run_study, statistics
 from haptic_driver.surface_file import read_surface
 from model.touch_model import Conditions, TouchModel
+from tests.haptic_driver.commands import rows_of
 
 PLAN = """
 name = "few"
@@ -202,7 +203,7 @@ def test_a_cluster_that_is_not_there(few, tmp_path, monkeypatch):
 
 
 def test_without_dask_the_extra_is_named(few, tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(HapticError) as failed:
         run_study(few, tmp_path / "out", cluster="tcp://127.0.0.1:1")
     assert failed.value.code == "missing_package"
@@ -236,16 +237,16 @@ def test_processes_of_this_machine_give_the_same_numbers(few, tmp_path):
     np.testing.assert_allclose(numbers(found), numbers([few.run(task) for task in range(6)]), rtol=ROUNDING)
 
 
-def test_the_command_writes_table_statistics_and_pictures(haptic, plan, tmp_path, here):
+@pytest.mark.usefixtures("here")
+def test_the_command_writes_table_statistics_and_pictures(haptic, plan, tmp_path):
     done = haptic("study", plan, "--out", tmp_path / "out", "--json")
     assert done.status == 0, done.err
-    found = json.loads(done.out)
+    found = done.said
     assert found["tasks"] == 6
     assert len(found["pictures"]) == 2
     for picture in found["pictures"]:
         assert (tmp_path / "out" / picture.rpartition("/")[2]).stat().st_size > 10_000
-    with (tmp_path / "out" / module.TABLE).open() as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(tmp_path / "out" / module.TABLE)
     assert len(rows) == 6
     assert float(rows[0]["cof"]) == pytest.approx(found["statistics"][0]["cof"]["p50"], rel=0.5)
     assert json.loads((tmp_path / "out" / "statistics.json").read_text()) == found["statistics"]
@@ -254,4 +255,4 @@ def test_the_command_writes_table_statistics_and_pictures(haptic, plan, tmp_path
 def test_an_unknown_study_is_named(haptic):
     done = haptic("study", "fingres", "--json")
     assert done.status == 2
-    assert "fingers" in json.loads(done.out)["error"]["hint"]
+    assert "fingers" in done.said["error"]["hint"]

@@ -28,6 +28,17 @@ class DrivingReplay(Replay):
         self.sent_bytes += len(data)
 
 
+def replaying(path):
+    """The replays that are made, and what makes one for the demo."""
+    replays = []
+
+    def through(transport, generator):
+        replays.append(DrivingReplay(path, generator))
+        return replays[0]
+
+    return replays, through
+
+
 @pytest.fixture(scope="module")
 def demo(rig_config, touch, surface_file, limits):
     """The demo's own slide, texture and stages on a rig whose transport goes `through` something."""
@@ -67,12 +78,7 @@ def recorded(demo, tmp_path_factory):
 
 def test_a_whole_demo_run_replays_byte_for_byte(demo, recorded):
     path, first = recorded
-    replays = []
-
-    def replay(transport, generator):
-        replays.append(DrivingReplay(path, generator))
-        return replays[0]
-
+    replays, replay = replaying(path)
     second = demo(replay)
     replays[0].check_finished()
     logged = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()[1:]]
@@ -88,12 +94,7 @@ def test_another_slide_is_found_out_at_its_first_different_byte(demo, recorded):
     path, _ = recorded
     whole = synthetic_slide()
     heavier = Slide("heavier", whole.time_s[:900], whole.position_m[:900], 1.2 * whole.normal_force_n[:900])
-    replays = []
-
-    def replay(transport, generator):
-        replays.append(DrivingReplay(path, generator))
-        return replays[0]
-
+    replays, replay = replaying(path)
     with pytest.raises(HapticError, match=r"byte \d+ of the command"):
         demo(replay, heavier)
     with pytest.raises(ReplayMismatch):

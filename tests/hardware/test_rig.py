@@ -10,6 +10,7 @@ import datetime
 import os
 import time
 
+import numpy as np
 import pytest
 
 from haptic_driver.actuator import make_actuator
@@ -17,7 +18,7 @@ from haptic_driver.config import load_rig
 from haptic_driver.devices import connect_devices
 from haptic_driver.doctor import Status, examine
 from haptic_driver.rig import RigState
-from haptic_driver.signals import DriveCommand
+from haptic_driver.signals import Course, DriveCommand
 
 RIG = os.environ.get("HAPTIC_HARDWARE")
 VOLTAGE = os.environ.get("HAPTIC_ENERGISE")
@@ -53,7 +54,7 @@ def test_a_low_voltage_comes_on_and_goes_off_with_evidence(config):
         began_s = time.monotonic()
         while time.monotonic() - began_s < 1.0:
             actuator.command(time.monotonic(), wanted)
-            actuator.play(wanted)
+            actuator.play(wanted, Course(np.array([wanted.voltage_v**2]), 1e-3))
             time.sleep(0.001)
         assert devices.rig.state is RigState.ON
         assert devices.rig.stop().output_on is False

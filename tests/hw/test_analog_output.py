@@ -138,11 +138,11 @@ def test_zero_does_not_wait_for_a_thread_that_is_stuck_in_the_device() -> None:
     output.open()
     stuck, release = threading.Event(), threading.Event()
 
-    def append(block_v: Any, rate_hz: float) -> None:
+    def never_starts(block_v: Any, rate_hz: float) -> None:
         stuck.set()
         release.wait(20.0)
 
-    output._start = append  # type: ignore[method-assign]
+    output._start = never_starts  # type: ignore[method-assign]
     writer = threading.Thread(target=output.write, args=([1.0], 1e3))
     writer.start()
     assert stuck.wait(20.0)
@@ -168,7 +168,7 @@ ACTIONS = st.lists(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(ACTIONS)
 def test_whatever_happens_the_output_stays_within_limits_and_ends_at_zero_or_unknown(
     actions: list[tuple[str, Any]],

@@ -8,15 +8,16 @@ from hw.errors import BadReply, InstrumentRejected, LimitExceeded
 from hw.generator_dialogue import GeneratorDialogue
 from hw.generator_gate import OutputGate
 from hw.simulated.faults import Fault, FaultyInstrument
-from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.simulated.waveform_generator import Simulated33220A
 from hw.transport.memory import MemoryTransport
+from tests.hw.instruments import IMMEDIATE
 
 READY = ["OUTP 0", "*RST", "OUTP:LOAD INF", "VOLT:UNIT VPP", "VOLT 1"]
 
 
 class Bench:
     def __init__(self) -> None:
-        self.line = FaultyInstrument(Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0)))
+        self.line = FaultyInstrument(Simulated33220A(IMMEDIATE))
         self.dialogue = GeneratorDialogue(MemoryTransport(self.line), OutputGate(100.0, 300.0), 1.0)
         self.dialogue.open()
         self.dialogue.command(READY, [])

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from hw.errors import LimitExceeded
 from hw.generator_gate import OutputGate
-from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.simulated.waveform_generator import Simulated33220A
+from tests.hw.instruments import IMMEDIATE
 
 GAIN, LIMIT_V = 100.0, 300.0
 READY = b"*RST;:OUTP:LOAD INF;:VOLT:UNIT VPP;:FORM:BORD NORM;:AM:STAT 0\n"
@@ -137,13 +138,13 @@ COMMAND = st.one_of(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.lists(COMMAND, max_size=25), st.booleans())
 def test_whatever_is_sent_through_the_gate_the_terminals_keep_the_limit(commands: list[str], doubling: bool) -> None:
     """With nobody above the gate: commands at random, after each everything that was at the simulated terminals."""
     seen: list[float] = []
     generator = Simulated33220A(
-        GeneratorLatency(0.0, 0.0, 0.0, 0.0),
+        IMMEDIATE,
         listener=lambda output: seen.append(output.amplitude_v + abs(output.offset_v)),
         am_full_scale=2.0 if doubling else 1.0,
     )

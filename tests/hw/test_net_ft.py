@@ -17,9 +17,9 @@ from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
 from hw.force_sensor import ForceAxes
 from hw.net_ft import NetFt, NetFtScale, NetFtSettings
 from hw.simulated.net_ft_server import NetFtServer, RdtFault
+from tests.waiting import HANG_S, until
 
 LOAD = (0.3, -0.1, -0.5, 0.01, 0.02, -0.03)
-HANG_S = 20.0
 
 
 def client_of(port: int, **kwargs: Any) -> NetFt:
@@ -31,12 +31,8 @@ def client_of(port: int, **kwargs: Any) -> NetFt:
     )
 
 
-def until(client: NetFt, done: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + HANG_S
-    while not done():
-        assert time.monotonic() < end_s, client.counters
-        client.read()
-        time.sleep(1e-3)
+def read_until(client: NetFt, done: Callable[[], bool]) -> None:
+    until(lambda: client.read() and done(), lambda: client.counters)
 
 
 @pytest.fixture
@@ -115,9 +111,7 @@ def test_closing_stops_the_stream_even_when_the_first_request_is_lost(box: NetFt
     device._send = lossy  # type: ignore[method-assign]
     device.close()
     device.close()
-    end_s = time.monotonic() + HANG_S
-    while box.streaming:
-        assert time.monotonic() < end_s
+    until(lambda: not box.streaming)
     with pytest.raises(DeviceDisconnected, match="not open"):
         device.read()
 
@@ -136,9 +130,9 @@ def test_each_fault_is_counted_and_its_record_is_not_taken(
     box: NetFtServer, client: NetFt, fault: RdtFault, counter: str, also_missed: int
 ) -> None:
     box.inject(fault, count=3)
-    until(client, lambda: getattr(client.counters, counter) >= 3)
+    read_until(client, lambda: getattr(client.counters, counter) >= 3)
     accepted = client.counters.accepted
-    until(client, lambda: client.counters.accepted > accepted)
+    read_until(client, lambda: client.counters.accepted > accepted)
     assert getattr(client.counters, counter) == 3
     if also_missed:
         assert client.counters.missed == also_missed
@@ -147,7 +141,7 @@ def test_each_fault_is_counted_and_its_record_is_not_taken(
 
 def test_a_late_record_is_not_taken(box: NetFtServer, client: NetFt) -> None:
     box.inject(RdtFault.REORDER)
-    until(client, lambda: client.counters.out_of_order >= 1)
+    read_until(client, lambda: client.counters.out_of_order >= 1)
     assert (client.counters.out_of_order, client.counters.missed) == (1, 1)
 
 
@@ -155,18 +149,18 @@ def test_the_sequence_may_wrap(box: NetFtServer) -> None:
     box.set_sequence((1 << 32) - 20)
     device = client_of(box.port)
     device.open()
-    until(device, lambda: device.counters.accepted > 60)
+    read_until(device, lambda: device.counters.accepted > 60)
     assert (device.counters.missed, device.counters.out_of_order) == (0, 0)
     device.close()
 
 
 def test_a_bad_status_marks_the_reading(box: NetFtServer, client: NetFt) -> None:
     box.inject(RdtFault.BAD_STATUS, count=math.inf)
-    until(client, lambda: client.status_raw != 0)
+    read_until(client, lambda: client.status_raw != 0)
     assert client.read().saturated
     assert client.status_raw == 0x80020000
     box.heal()
-    until(client, lambda: client.status_raw == 0)
+    read_until(client, lambda: client.status_raw == 0)
     assert not client.read().saturated
 
 
@@ -177,7 +171,7 @@ def test_ignored_status_bits_do_not_mark_the_reading_and_the_latch_can_be_reset(
     assert not device.read().saturated
     assert device.status_raw == 0x00010000
     device.reset_latch()
-    until(device, lambda: device.status_raw == 0)
+    read_until(device, lambda: device.status_raw == 0)
     device.close()
 
 
@@ -204,8 +198,7 @@ def test_what_piled_up_while_nobody_looked_is_not_taken_for_new() -> None:
         device = client_of(box.port, clock=lambda: time.monotonic() + offset_s[0], timeout_s=0.3)
 
         def first() -> None:
-            while not box.streaming:
-                time.sleep(1e-3)
+            until(lambda: box.streaming)
             box.emit(1)
 
         emitter = threading.Thread(target=first)

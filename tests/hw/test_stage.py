@@ -16,6 +16,7 @@ from hw.simulated.stage import SimulatedLts150
 from hw.stage import Lts150, StageSettings
 from hw.transport.memory import MemoryTransport
 from hw.transport.serial import SerialTransport
+from tests.clock import ManualClock
 
 SETTINGS = StageSettings(
     travel_low_m=0.0,
@@ -25,19 +26,6 @@ SETTINGS = StageSettings(
     velocity_limit_m_s=0.050,
     acceleration_limit_m_s2=0.050,
 )
-
-
-class Clock:
-    """Time that passes only when somebody sleeps."""
-
-    def __init__(self) -> None:
-        self.now_s = 100.0
-
-    def __call__(self) -> float:
-        return self.now_s
-
-    def sleep(self, duration_s: float) -> None:
-        self.now_s += duration_s
 
 
 class Wire:
@@ -57,7 +45,7 @@ class Bench:
     """A driver and a simulated stage that share a clock, connected in memory."""
 
     def __init__(self, settings: StageSettings = SETTINGS) -> None:
-        self.clock = Clock()
+        self.clock = ManualClock(100.0)
         self.instrument = SimulatedLts150(self.clock)
         self.wire = Wire(self.instrument)
         transport = MemoryTransport(self.wire, clock=self.clock)
@@ -289,7 +277,7 @@ def test_endless_noise_ends_with_the_reply_timeout(bench: Bench) -> None:
         bench.stage.connect()
 
 
-def _advance(clock: Clock) -> float:
+def _advance(clock: ManualClock) -> float:
     clock.sleep(0.01)
     return clock.now_s
 
@@ -314,7 +302,7 @@ def test_closing_stops_and_says_so(bench: Bench) -> None:
         stage.read_status()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.lists(
         st.one_of(st.floats(-0.05, 0.2), st.sampled_from(["home", "stop", "silent", "cut", "hung_up", "heal"])),

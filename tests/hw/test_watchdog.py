@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 import queue
 import signal
-import socket
 import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -20,12 +19,14 @@ from hw.errors import DeviceDisconnected
 from hw.simulated.faults import Fault, FaultyInstrument
 from hw.simulated.interlock import SimulatedInterlock
 from hw.simulated.tcp_server import TcpServer
-from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.simulated.waveform_generator import Simulated33220A
 from hw.watchdog import BEAT, REST, Outcome, Watchdog, WatchdogSettings, wait_for_silence
+from tests.clock import ManualClock
+from tests.hw.instruments import IMMEDIATE, closed_port
+from tests.waiting import HANG_S, exists, until
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(2 * HANG_S)
 
-HANG_S = 30.0  # generous: it tells an end from a hang
 DRIVER = """
 import signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell would have it ignored
@@ -45,7 +46,7 @@ class Bench:
 
     def __init__(self) -> None:
         self.off_at_s: float | None = None
-        self.generator = Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0), listener=self._note)
+        self.generator = Simulated33220A(IMMEDIATE, listener=self._note)
         self.faults = FaultyInstrument(self.generator)
         self.server = TcpServer(self.faults)
         self.generator.handle(b"OUTP:LOAD INF;:VOLT 2;:OUTP 1\n")
@@ -69,13 +70,6 @@ def bench() -> Iterator[Bench]:
         yield bench
 
 
-def wait_until(condition: Callable[[], bool]) -> None:
-    give_up_s = time.monotonic() + HANG_S
-    while not condition():
-        assert time.monotonic() < give_up_s, "it did not happen"
-        time.sleep(0.01)
-
-
 @pytest.fixture
 def drivers() -> Iterator[list[subprocess.Popen[str]]]:
     started: list[subprocess.Popen[str]] = []
@@ -96,14 +90,6 @@ def driver(bench: Bench, drivers: list[subprocess.Popen[str]], period_s: float) 
     return process, int(process.stdout.readline())
 
 
-def running(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
-
-
 # --- the driver dies -------------------------------------------------------------------------------------------------
 
 
@@ -117,8 +103,8 @@ def test_whatever_ends_the_driver_switches_off(bench: Bench, drivers: list[subpr
     else:
         process.send_signal(getattr(signal, name))
     process.wait(HANG_S)
-    wait_until(lambda: not bench.on)
-    wait_until(lambda: not running(pid))
+    until(lambda: not bench.on)
+    until(lambda: not exists(pid))
 
 
 def test_after_kill_9_the_output_is_off_within_the_period(bench: Bench, drivers: list[subprocess.Popen[str]]) -> None:
@@ -126,7 +112,7 @@ def test_after_kill_9_the_output_is_off_within_the_period(bench: Bench, drivers:
     process, _ = driver(bench, drivers, period_s)
     killed_s = time.monotonic()
     process.kill()
-    wait_until(lambda: bench.off_at_s is not None)
+    until(lambda: bench.off_at_s is not None)
     assert bench.off_at_s is not None
     assert bench.off_at_s - killed_s < period_s
 
@@ -135,9 +121,9 @@ def test_a_driver_that_hangs_is_silence(bench: Bench, drivers: list[subprocess.P
     process, pid = driver(bench, drivers, period_s=0.5)
     assert bench.on
     process.send_signal(signal.SIGSTOP)  # the pipe stays open
-    wait_until(lambda: not bench.on)
+    until(lambda: not bench.on)
     process.kill()
-    wait_until(lambda: not running(pid))
+    until(lambda: not exists(pid))
 
 
 def test_the_watchdog_ignores_what_is_meant_for_the_driver(bench: Bench) -> None:
@@ -165,7 +151,7 @@ def test_without_a_first_beat_and_at_rest_it_waits(bench: Bench) -> None:
         time.sleep(0.5)
         assert bench.on
         watchdog.beat()
-        wait_until(lambda: not bench.on)
+        until(lambda: not bench.on)
         pid = watchdog.pid
         assert pid is not None
 
@@ -176,7 +162,7 @@ def test_without_a_first_beat_and_at_rest_it_waits(bench: Bench) -> None:
                 return "it has ended (off)" in error.message
             return False
 
-        wait_until(refused)
+        until(refused)
         assert watchdog.close() is True
 
 
@@ -308,8 +294,7 @@ def test_a_generator_that_insists_on_being_on_is_reported_on(bench: Bench) -> No
 
 
 def test_the_interlock_is_opened_as_well_and_is_evidence_alone(bench: Bench) -> None:
-    clock_s = [0.0]
-    box = SimulatedInterlock(lambda: clock_s[0])
+    box = SimulatedInterlock(ManualClock())
     box.handle(b"BEAT 1\nENABLE\n")
     with TcpServer(box) as server:
         settings = WatchdogSettings(bench.server.resource, server.resource, give_up_s=0.5, reply_timeout_s=0.1)
@@ -323,11 +308,8 @@ def test_the_interlock_is_opened_as_well_and_is_evidence_alone(bench: Bench) -> 
 
 
 def test_a_generator_that_is_not_there_is_refused_at_the_start() -> None:
-    with socket.socket() as unused:
-        unused.bind(("127.0.0.1", 0))
-        resource = f"TCPIP::127.0.0.1::{unused.getsockname()[1]}::SOCKET"
-        with pytest.raises(DeviceDisconnected, match="does not answer"):
-            Watchdog(WatchdogSettings(resource)).start()
+    with pytest.raises(DeviceDisconnected, match="does not answer"):
+        Watchdog(WatchdogSettings(f"TCPIP::127.0.0.1::{closed_port()}::SOCKET")).start()
 
 
 # --- settings --------------------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from contextlib import closing
 
 import pytest
 from hypothesis import given, settings
@@ -13,11 +14,12 @@ from hypothesis import strategies as st
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
 from hw.simulated.faults import Fault, FaultyInstrument
 from hw.simulated.tcp_server import TcpServer
-from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.simulated.waveform_generator import Simulated33220A
 from hw.transport.contract import Transport
 from hw.transport.memory import MemoryTransport
 from hw.transport.tcp import TcpTransport
 from hw.waveform_generator import Agilent33220A, GeneratorSettings
+from tests.hw.instruments import IMMEDIATE
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -36,7 +38,7 @@ EXPECTED = {
 
 class Bench:
     def __init__(self) -> None:
-        self.generator = Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0))
+        self.generator = Simulated33220A(IMMEDIATE)
         self.line = FaultyInstrument(self.generator)
 
     def connect(self, transport: Transport) -> None:
@@ -57,10 +59,9 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
         bench.connect(MemoryTransport(bench.line))
         yield bench
         return
-    with TcpServer(bench.line) as server:
-        bench.connect(TcpTransport(server.host, server.port))
+    with TcpServer(bench.line) as server, closing(TcpTransport(server.host, server.port)) as transport:
+        bench.connect(transport)
         yield bench
-        bench.transport.close()
 
 
 @pytest.mark.parametrize("fault", list(Fault))
@@ -163,7 +164,7 @@ ALMOST = st.sampled_from(
 )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.one_of(ALMOST, st.binary(max_size=60), st.binary(max_size=60).map(lambda answer: answer + b"\n")))
 def test_whatever_is_answered_only_device_errors_come_out(answer: bytes) -> None:
     babble = Babble()

@@ -31,8 +31,8 @@ from hw.waveform_generator import (
     Shape,
     TriggerSource,
 )
+from tests.hw.instruments import IMMEDIATE
 
-IMMEDIATE = GeneratorLatency(0.0, 0.0, 0.0, 0.0)
 GAIN, LIMIT_V = 100.0, 300.0
 
 
@@ -306,7 +306,7 @@ OTHER: st.SearchStrategy[Callable[[Agilent33220A], object]] = st.sampled_from(
 )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     st.lists(st.one_of(SET_POINT, SET_POINT, OTHER), max_size=15),
     st.sampled_from([1.0, 2.0]),
@@ -331,7 +331,7 @@ def test_no_sequence_of_calls_ever_brings_the_electrode_above_the_limit(
     assert not bench.generator.output().on
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     st.lists(st.tuples(st.floats(10.0, 10e3), st.floats(1.0, 150.0), st.floats(-150.0, 150.0)), min_size=2, max_size=10)
 )

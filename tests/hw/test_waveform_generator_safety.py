@@ -19,8 +19,8 @@ from hw.transport.contract import Transport
 from hw.transport.memory import MemoryTransport
 from hw.transport.tcp import TcpTransport
 from hw.waveform_generator import Agilent33220A, GeneratorSettings
+from tests.hw.instruments import IMMEDIATE
 
-IMMEDIATE = GeneratorLatency(0.0, 0.0, 0.0, 0.0)
 SETTINGS = GeneratorSettings(100.0, 300.0, 10.0, 10e3)
 ROUNDING = 1.0 + 1e-9
 
@@ -70,7 +70,7 @@ class Rig:
         self.seen.clear()
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(LEFT_BEHIND, st.lists(st.one_of(st.tuples(FREQUENCY, NUMBER), st.booleans()), max_size=20), st.booleans())
 def test_the_electrode_never_exceeds_the_limit(
     left_behind: list[str], requests: list[tuple[float, float] | bool], slow: bool
@@ -93,7 +93,7 @@ def test_the_electrode_never_exceeds_the_limit(
     assert rig.amplifier.max_voltage_v <= 300.0 * ROUNDING
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.lists(st.tuples(st.floats(10.0, 10e3), st.floats(1.0, 300.0)), min_size=2, max_size=20))
 def test_nothing_in_between_exceeds_what_was_asked(points: list[tuple[float, float]]) -> None:
     rig = Rig()
@@ -109,7 +109,7 @@ def test_nothing_in_between_exceeds_what_was_asked(points: list[tuple[float, flo
             assert product <= max(old_v * old_hz, new_v * new_hz) * ROUNDING
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.tuples(FREQUENCY, NUMBER).filter(lambda p: not (10.0 <= p[0] <= 10e3 and 1.0 <= p[1] <= 300.0)))
 def test_a_refused_set_point_changes_nothing(point: tuple[float, float]) -> None:
     rig = Rig()

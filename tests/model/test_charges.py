@@ -85,7 +85,7 @@ def test_coefficients_are_those_of_the_laws(layers_of, name: str, gap_m: float) 
     rho1=st.floats(-1e-4, 1e-4),
     rho2=st.floats(-1e-4, 1e-4),
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_fields_obey_gauss_and_kirchhoff(layers_of, gap_m, volt, rho1, rho2) -> None:
     layers = layers_of()
     got = fields(layers, gap_m, volt, rho1, rho2)

@@ -90,7 +90,7 @@ pressures = st.floats(np.log(1e-5), np.log(1.0)).map(np.exp)
 
 
 @given(shapes, pressures)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_any_shape_keeps_its_area(shape: SelfAffineShape, p_hat: float) -> None:
     d = gap_distribution(shape, p_hat)
     assert integral_of_density(d) == pytest.approx(1.0 - d.area_ratio, abs=2e-4)
@@ -99,7 +99,7 @@ def test_any_shape_keeps_its_area(shape: SelfAffineShape, p_hat: float) -> None:
 
 
 @given(shapes, pressures, st.floats(1.01, 3.0))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_pressing_harder_closes_the_gap_and_enlarges_the_contact(shape, p_hat: float, factor: float) -> None:
     assert mean_gap(shape, factor * p_hat) < mean_gap(shape, p_hat)
     assert area_ratio(shape, factor * p_hat) > area_ratio(shape, p_hat)

@@ -40,7 +40,7 @@ def sliding_rms_a(scales_of, stack_of, circuit_of):
 
 @pytest.mark.parametrize("name", FINGERS)
 @given(f=frequencies, p=st.floats(3.0, 5.5).map(lambda e: 10.0**e))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_sliding_current_is_the_mean_over_the_gaps(
     models, scales_of, stack_of, sliding_rms_a, name: str, f: float, p: float
 ) -> None:
@@ -60,7 +60,7 @@ def test_sliding_current_is_the_mean_over_the_gaps(
 
 
 @given(f=frequencies)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_stuck_current_is_limited_by_insulator_and_skin(models, stack_of, f: float) -> None:
     model = models["reference"]
     expected = AREA_M2 * 30.0 / abs(sum(layer_impedances(model, f)))
@@ -71,7 +71,7 @@ def test_stuck_current_is_limited_by_insulator_and_skin(models, stack_of, f: flo
 
 @pytest.mark.parametrize("name", FINGERS)
 @given(f=frequencies, p=st.floats(3.0, 5.5).map(lambda e: 10.0**e))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_a_sliding_finger_never_draws_more_than_a_stuck_one(
     models, stack_of, sliding_rms_a, name: str, f: float, p: float
 ) -> None:

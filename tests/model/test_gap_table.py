@@ -80,7 +80,7 @@ def test_one_table_serves_another_finger(models, scales_of, printed_theory, vari
     log_z=st.floats(np.log(1e-7), np.log(1e3)),
     angle=st.floats(-np.pi / 2.0, np.pi / 2.0),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_table_against_direct_quadrature(models, name: str, log_p: float, log_z: float, angle: float) -> None:
     table = models[name].table
     p_hat, z_hat = np.exp(log_p), np.exp(log_z + 1j * angle)
@@ -127,7 +127,7 @@ def test_far_limit_is_the_area_out_of_contact(models) -> None:
     log_z=st.floats(np.log(1e-6), np.log(1e2)),
     angle=st.floats(0.0, np.pi / 2.0),
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_conjugate_symmetry(models, log_p: float, log_z: float, angle: float) -> None:
     table, p_hat, z_hat = models["table1"].table, np.exp(log_p), np.exp(log_z + 1j * angle)
     k, l = look_up(table, p_hat, z_hat)  # noqa: E741

@@ -36,9 +36,8 @@ class Touch:
 
 def draw(rng: np.random.Generator, hurst: float, zeta1: float) -> Touch:
     """A touch of the roughness shape (H, q1/q0); the attraction stays in the range of the theory."""
-    q0 = 1e3 * 2.0 ** int(
-        rng.integers(0, 4)
-    )  # by powers of two, so that q1/q0 is the same to the last bit: one gap table
+    # by powers of two, so that q1/q0 is the same to the last bit: one gap table
+    q0 = 1e3 * 2.0 ** int(rng.integers(0, 4))
     return Touch(
         frequency_hz=float(np.exp(rng.uniform(np.log(1.0), np.log(1e6)))),
         voltage_v=float(rng.uniform(5.0, 120.0)),

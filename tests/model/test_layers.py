@@ -26,7 +26,7 @@ def network(model, frequency_hz: float, u: float, alpha: float) -> np.ndarray:
 
 @pytest.mark.parametrize("name", FINGERS)
 @given(f=frequencies, u=gaps, p=pressures)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_field_of_the_gap_is_that_of_the_network(models, stack_of, name: str, f: float, u: float, p: float) -> None:
     model = models[name]
     s = stack_of(model, np.array([f]))
@@ -100,7 +100,7 @@ def test_far_above_every_relaxation_only_permittivities_are_left(models, stack_o
 
 
 @given(f=frequencies, p=pressures)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_every_stack_is_passive(models, stack_of, f: float, p: float) -> None:
     """z lies where the gap table is: real part positive, angle from 0 to 90 degrees either way."""
     s = stack_of(models["reference"], np.array([f]))

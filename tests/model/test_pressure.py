@@ -71,7 +71,7 @@ def solve_sine_grid():
     v=st.floats(5.0, 150.0),
     load=st.floats(5e2, 2e4),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_pressure_satisfies_its_own_loop(
     models, solve_sine, gain_by_quadrature, name: str, f: float, v: float, load: float
 ) -> None:

@@ -49,6 +49,5 @@ def test_moments_are_the_integrals_of_the_spectrum(hurst: float, zeta1: float, f
 def test_moment_keeps_its_digits_where_nothing_is_magnified_yet(hurst: float, bits: int) -> None:
     excess = 2.0**-bits  # 1 + excess is exact; the moment there is excess (1 + (1/2 - H) excess + ...)
     moment = SelfAffineShape(hurst, 1e7, 0.45).moment3(np.array(1.0 + excess))
-    assert moment == pytest.approx(
-        excess * (1.0 + (0.5 - hurst) * excess), rel=excess**2 + 1e-14
-    )  # next term, rounding
+    # next term, rounding
+    assert moment == pytest.approx(excess * (1.0 + (0.5 - hurst) * excess), rel=excess**2 + 1e-14)

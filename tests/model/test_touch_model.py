@@ -209,7 +209,7 @@ class TestMonotony:
 
     @pytest.mark.parametrize("name", FINGERS)
     @given(f=frequencies, v=volts, n=loads, more=st.floats(1.01, 2.0))
-    @settings(max_examples=40, deadline=None)
+    @settings(max_examples=40)
     def test_more_voltage_or_load_attracts_more(self, models, name: str, f, v, n, more) -> None:
         base, higher, heavier = force(models[name], f, [v, more * v, v], [n, n, more * n])
         assert 0.0 < base < higher
@@ -217,14 +217,14 @@ class TestMonotony:
         assert heavier / (more * n) < base / n  # but less than in proportion: friction falls towards mu_off
 
     @given(f=frequencies, v=volts, n=loads, more=st.floats(1.05, 3.0))
-    @settings(max_examples=25, deadline=None)
+    @settings(max_examples=25)
     def test_a_thicker_insulator_attracts_less_without_leak(self, variant, f, v, n, more) -> None:
         thin, thick = (variant(leak_scale=0.0, insulator_thickness_m=d) for d in (1e-6, more * 1e-6))
         assert force(thick, f, v, n)[0] < force(thin, f, v, n)[0]
 
     @pytest.mark.parametrize("name", FINGERS)
     @given(f=frequencies, v=volts, n=loads)
-    @settings(max_examples=25, deadline=None)
+    @settings(max_examples=25)
     def test_answers_keep_their_signs(self, models, name: str, f, v, n) -> None:
         got = models[name].predict(conditions(f, v, n))
         assert got.cof[0] > 0.512

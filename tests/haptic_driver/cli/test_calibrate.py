@@ -1,7 +1,4 @@
-"""`haptic calibrate` and `haptic sensitivity`: what they print and write, and how they refuse."""
-
-import csv
-import json
+"""`haptic calibrate`: what it prints and writes, and how it refuses."""
 
 import numpy as np
 import pytest
@@ -28,7 +25,7 @@ def data(touch, rng, tmp_path):
 def test_a_parameter_that_is_not_known_gives_the_nearest_that_is(haptic, data, tmp_path):
     done = haptic("calibrate", data, "--also", "skin_thicknes_m", "--out", tmp_path / "finger.toml", "--json")
     assert done.status == 2
-    error = json.loads(done.out)["error"]
+    error = done.said["error"]
     assert "--also skin_thicknes_m" in error["message"]
     assert error["hint"].startswith("Did you mean 'skin_thickness_m'?")
     assert not (tmp_path / "finger.toml").exists()
@@ -37,7 +34,7 @@ def test_a_parameter_that_is_not_known_gives_the_nearest_that_is(haptic, data, t
 @pytest.mark.parametrize("name", ["finger", "finger.png"])
 def test_a_model_file_that_no_command_would_find_is_refused(haptic, data, tmp_path, name):
     done = haptic("calibrate", data, "--out", tmp_path / name, "--json")
-    assert (done.status, json.loads(done.out)["error"]["code"]) == (2, "bad_ending")
+    assert (done.status, done.said["error"]["code"]) == (2, "bad_ending")
     assert not (tmp_path / name).exists()
 
 
@@ -45,7 +42,7 @@ def test_a_finger_is_fitted_and_written(haptic, data, tmp_path):
     out = tmp_path / "out" / "finger.toml"
     done = haptic("calibrate", data, "--out", out, "--json")
     assert done.status == 0, done.err
-    found = json.loads(done.out)
+    found = done.said
     assert set(found["parameters"]) == KNOWN
     for name, p in found["parameters"].items():
         assert p["value"] == pytest.approx(read_model(out).parameters[name].value)
@@ -63,22 +60,5 @@ def test_a_finger_is_fitted_and_written(haptic, data, tmp_path):
 def test_wrong_arguments_of_calibrate(haptic, data, tmp_path, arguments, hint):
     done = haptic("calibrate", data, "--out", tmp_path / "f.toml", "--json", *arguments)
     assert done.status == 2
-    assert hint in json.loads(done.out)["error"]["hint"]
+    assert hint in done.said["error"]["hint"]
     assert not (tmp_path / "f.toml").exists()
-
-
-def test_sensitivity_writes_bars_and_a_table(haptic, tmp_path):
-    done = haptic("sensitivity", "--out", tmp_path, "--draws", 64, "--frequency", 250, "--json")
-    assert done.status == 0, done.err
-    found = json.loads(done.out)
-    assert (tmp_path / "sensitivity.png").read_bytes()[:4] == b"\x89PNG"
-    with (tmp_path / "sensitivity.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert {row["name"] for row in rows} == {entry["name"] for entry in found["indices"]}
-    assert max(rows, key=lambda row: float(row["total"]))["name"] == "skin_modulus_pa"  # 0.62 of the variance
-
-
-def test_draws_that_are_no_power_of_two(haptic, tmp_path):
-    done = haptic("sensitivity", "--out", tmp_path, "--draws", 100, "--json")
-    assert done.status == 2
-    assert json.loads(done.out)["error"]["code"] == "bad_draws"

@@ -1,27 +1,23 @@
 """`haptic demo`: the contract of its JSON, and what it says of a trace, a texture or a rig it cannot use."""
 
-import json
 import re
-from pathlib import Path
 
 import matplotlib.image
 import pytest
 
-from haptic_driver.slides import read_slide
+from tests.haptic_driver.config_texts import CONFIGS, SIMULATED, as_real_rig, changed
 
 CONTRACT = {
     "share_within_5_percent", "cof_error_rms", "contact_time_s", "reachable_share", "max_voltage_v",
     "output_on_without_contact_s", "pictures",
 }  # fmt: skip
-OWN = Path(__file__).parents[3] / "configs"
 
 
 @pytest.fixture
 def demo(haptic, surface_path, tmp_path):
     def run(*arguments):
         done = haptic("demo", "--surface", surface_path, "--out", tmp_path / "out", "--json", *arguments)
-        assert done.out.count("\n") == 1
-        return done.status, json.loads(done.out)
+        return done.status, done.said
 
     return run
 
@@ -50,10 +46,9 @@ def test_the_main_job(demo):
 
 
 def test_a_trace_of_ones_own(demo, tmp_path):
-    path = trace(tmp_path)
-    status, said = demo("--trace", path, "--texture", "uniform")
+    status, said = demo("--trace", trace(tmp_path), "--texture", "uniform")
     assert status == 0
-    assert said["contact_time_s"] == pytest.approx(read_slide(path).time_s.size * 1e-3, abs=0.005)
+    assert said["contact_time_s"] == pytest.approx(0.590, abs=0.005)  # 60 rows, 10 ms apart
     assert said["share_within_5_percent"] > 0.8  # of 0.6 s, the first 50 ms rise to the target
 
 
@@ -63,7 +58,7 @@ def test_no_contact_is_no_result_and_no_warning(haptic, surface_path, tmp_path):
     )
     assert done.status == 0
     assert done.err == ""
-    said = json.loads(done.out)
+    said = done.said
     assert said["share_within_5_percent"] is None
     assert said["contact_time_s"] == 0.0
     assert said["max_voltage_v"] == 0.0
@@ -86,7 +81,7 @@ def test_for_a_person(haptic, surface_path, tmp_path):
         (["--rig", "simulatd"], "unknown_rig", "simulated"),
         (["--model", "refrence"], "unknown_model", "reference"),
         (["--trace", "none.csv"], "file_not_found", "CSV"),
-        (["--trace", str(OWN / "textures" / "linen.png")], "file_unreadable", "CSV"),
+        (["--trace", str(CONFIGS / "textures" / "linen.png")], "file_unreadable", "CSV"),
     ],
 )
 def test_what_it_cannot_use(demo, arguments, code, words):
@@ -120,7 +115,7 @@ def test_a_surface_of_another_model_is_refused(demo, surface_path):
 
 
 def test_a_surface_of_the_same_model_as_it_was_before_a_change_is_refused(demo, tmp_path):
-    text = (OWN / "models" / "reference.toml").read_text(encoding="utf-8")
+    text = (CONFIGS / "models" / "reference.toml").read_text(encoding="utf-8")
     changed = re.sub(r"(?m)^(cof_off +=\s*\{ value = )[\d.]+", r"\g<1>0.4", text)
     assert changed != text
     (tmp_path / "reference.toml").write_text(changed, encoding="utf-8")
@@ -131,21 +126,18 @@ def test_a_surface_of_the_same_model_as_it_was_before_a_change_is_refused(demo, 
 
 def test_a_rig_that_names_its_finger_may_have_any_surface(haptic, small_file, tmp_path):
     """As after a diagnosis: the surface of the model that was found, under the finger as it is."""
-    text = (OWN / "rigs" / "simulated.toml").read_text(encoding="utf-8")
-    (tmp_path / "named.toml").write_text(text.replace("[simulation]\n", '[simulation]\nmodel = "table1"\n'))
+    named = changed(SIMULATED, ("[simulation]\n", '[simulation]\nmodel = "table1"\n'))
+    (tmp_path / "named.toml").write_text(named, encoding="utf-8")
     small_file.write(tmp_path / "surface.h5")  # of model reference
     command = ["demo", "--rig", tmp_path / "named.toml", "--surface", tmp_path / "surface.h5", "--trace"]
     command += [trace(tmp_path), "--out", tmp_path / "out", "--json"]
     assert haptic(*command).status == 0
     refused = haptic(*command, "--model", "table1")
-    assert (refused.status, json.loads(refused.out)["error"]["code"]) == (2, "other_model")
+    assert (refused.status, refused.said["error"]["code"]) == (2, "other_model")
 
 
 def test_a_rig_that_is_not_simulated_is_refused(demo, tmp_path):
-    text = (OWN / "rigs" / "simulated.toml").read_text(encoding="utf-8")
-    text = text.replace("simulated = true", "simulated = false")
-    text = text.replace('resource = "simulated"', 'resource = "TCPIP::192.0.2.1::5025::SOCKET"')
-    (tmp_path / "real.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "real.toml").write_text(as_real_rig("TCPIP::192.0.2.1::5025::SOCKET"), encoding="utf-8")
     status, said = demo("--rig", str(tmp_path / "real.toml"))
     assert status == 2
     assert said["error"]["code"] == "not_simulated"
@@ -155,4 +147,4 @@ def test_an_out_that_is_a_file(haptic, surface_path, tmp_path):
     (tmp_path / "taken").write_text("")
     done = haptic("demo", "--surface", surface_path, "--out", tmp_path / "taken", "--trace", trace(tmp_path), "--json")
     assert done.status == 1
-    assert json.loads(done.out)["error"]["code"] == "not_written"
+    assert done.said["error"]["code"] == "not_written"

@@ -1,16 +1,12 @@
 """`haptic explore`: the files it writes, and that they say what the model says."""
 
-import contextlib
-import csv
-import io
-import json
 import math
 from pathlib import Path
 
 import matplotlib.image
 import pytest
 
-from haptic_driver.cli.main import main
+from tests.haptic_driver.commands import rows_of, said_by
 
 PICTURES = ["force-spectra", "impedance", "steepness", "friction-load", "friction-speed"]
 
@@ -18,16 +14,8 @@ PICTURES = ["force-spectra", "impedance", "steepness", "friction-load", "frictio
 @pytest.fixture(scope="module")
 def explored(tmp_path_factory):
     """The folder and what `--json` said."""
-    out, said = tmp_path_factory.mktemp("explored") / "folder", io.StringIO()
-    with contextlib.redirect_stdout(said):
-        assert main(["explore", "--out", str(out), "--json"]) == 0
-    assert said.getvalue().count("\n") == 1
-    return out, json.loads(said.getvalue())
-
-
-def rows_of(path):
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+    out = tmp_path_factory.mktemp("explored") / "folder"
+    return out, said_by("explore", "--out", out)
 
 
 def test_it_lists_what_it_wrote(explored):
@@ -79,7 +67,7 @@ def test_friction_at_the_asked_point_is_on_both_curves(explored):
 def test_equations_that_know_only_the_sine_are_refused(haptic, tmp_path):
     done = haptic("explore", "--model", "published", "--out", tmp_path / "new", "--json")
     assert done.status == 2
-    assert "no drive but the sine" in json.loads(done.out)["error"]["message"]
+    assert "no drive but the sine" in done.said["error"]["message"]
     assert not (tmp_path / "new").exists()
 
 
@@ -87,4 +75,4 @@ def test_a_folder_that_cannot_be_made_is_a_failure(haptic, tmp_path):
     (tmp_path / "file").write_text("in the way")
     done = haptic("explore", "--out", tmp_path / "file" / "folder", "--json")
     assert done.status == 1
-    assert json.loads(done.out)["error"]["code"] == "not_written"
+    assert done.said["error"]["code"] == "not_written"

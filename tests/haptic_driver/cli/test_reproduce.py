@@ -1,30 +1,18 @@
 """`haptic reproduce`: the files it writes and what it says."""
 
-import contextlib
-import csv
-import io
-import json
 from pathlib import Path
 
 import matplotlib.image
 import pytest
 
-from haptic_driver.cli.main import main
-
-
-def rows_of(path):
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+from tests.haptic_driver.commands import rows_of, said_by
 
 
 @pytest.fixture(scope="module")
 def everything(tmp_path_factory):
     """All figures once: the folder and what `--json` said."""
-    out, said = tmp_path_factory.mktemp("reproduction") / "folder", io.StringIO()
-    with contextlib.redirect_stdout(said):
-        assert main(["reproduce", "--out", str(out), "--json"]) == 0
-    assert said.getvalue().count("\n") == 1
-    return out, json.loads(said.getvalue())
+    out = tmp_path_factory.mktemp("reproduction") / "folder"
+    return out, said_by("reproduce", "--out", out)
 
 
 def test_it_lists_what_it_wrote(everything):
@@ -89,18 +77,18 @@ def test_one_figure_for_a_person(haptic, tmp_path):
 def test_a_figure_that_the_model_does_not_compute(haptic, tmp_path, number):
     done = haptic("reproduce", "--figure", number, "--out", tmp_path / "no", "--json")
     assert done.status == 2
-    assert json.loads(done.out)["error"]["code"] == "usage"
+    assert done.said["error"]["code"] == "usage"
     assert not (tmp_path / "no").exists()
 
 
 def test_a_published_model_has_nothing_to_stand_beside(haptic, tmp_path):
     done = haptic("reproduce", "--model", "published", "--out", tmp_path / "no", "--json")
     assert done.status == 2
-    assert "variant 'corrected'" in json.loads(done.out)["error"]["hint"]
+    assert "variant 'corrected'" in done.said["error"]["hint"]
 
 
 def test_an_out_that_cannot_be_written(haptic, tmp_path):
     (tmp_path / "file").write_text("")
     done = haptic("reproduce", "--figure", 6, "--out", tmp_path / "file" / "x", "--json")
     assert done.status == 1
-    assert json.loads(done.out)["error"]["code"] == "not_written"
+    assert done.said["error"]["code"] == "not_written"

@@ -76,9 +76,8 @@ def test_the_interlock_box_answers_on_both_its_ends_and_opens_by_itself(endpoint
     with connection, stream, serial.Serial(port, 115200, timeout=TIMEOUT_S) as line:
         line.write(b"ID?\n")
         assert line.readline() == b"HAPTIC-INTERLOCK 1\n"
-        while (
-            asked(stream, b"STATUS?") != b"OFF SILENT 7"
-        ):  # 200 ms after a beat that may come too late on a busy machine
+        # 200 ms after a beat, which may come too late on a busy machine
+        while asked(stream, b"STATUS?") != b"OFF SILENT 7":
             assert asked(stream, b"BEAT 7").endswith(b" 7")
             asked(stream, b"ENABLE")
             while asked(stream, b"STATUS?").startswith(b"ON"):
@@ -130,8 +129,8 @@ def test_sigterm_ends_it_too_and_a_port_can_be_chosen():
 def test_what_cannot_be_served_is_said(haptic, tmp_path):
     done = haptic("simulate", "--rig", "paper", "--json")
     assert done.status == 2
-    assert json.loads(done.out)["error"]["code"] == "not_simulated"
+    assert done.said["error"]["code"] == "not_simulated"
     with socket.create_server(("127.0.0.1", 0)) as taken:
         done = haptic("simulate", "--port", taken.getsockname()[1], "--json")
     assert done.status == 1
-    assert json.loads(done.out)["error"]["code"] == "port_taken"
+    assert done.said["error"]["code"] == "port_taken"

@@ -1,6 +1,5 @@
 """`haptic solve`: the contract of its JSON, what it finds, and how it refuses."""
 
-import json
 import re
 
 import numpy as np
@@ -21,8 +20,7 @@ POLICIES = ["max_authority", "min_voltage", "min_current", "carrier"]
 def solve(haptic, surface_path):
     def run(friction, *arguments):
         done = haptic("solve", "--friction", friction, "--surface", surface_path, "--json", *arguments)
-        assert done.out.count("\n") == 1
-        return done.status, json.loads(done.out)
+        return done.status, done.said
 
     return run
 
@@ -124,7 +122,7 @@ def test_a_surface_that_cannot_be_used(haptic, tmp_path, content, code):
         path.write_bytes(content)
     done = haptic("solve", "--friction", 0.6, "--surface", path, "--json")
     assert done.status == 2
-    assert json.loads(done.out)["error"]["code"] == code
+    assert done.said["error"]["code"] == code
 
 
 def test_a_surface_without_uncertainty_gives_no_interval(solve):
@@ -136,7 +134,7 @@ def test_the_interval_is_that_of_the_surface(haptic, model_description, limits, 
     file = build_surface(model_description, limits, axes, with_interval=True)
     file.write(tmp_path / "s.h5")
     done = haptic("solve", "--friction", 0.6, "--surface", tmp_path / "s.h5", "--json", "--frequency", 200)
-    found = json.loads(done.out)
+    found = done.said
     low, high = found["cof_interval"]
     assert low < 0.6 < high
     f = np.searchsorted(file.frequency_hz, 200.0)  # nodes around the point hold it between them
@@ -150,7 +148,7 @@ def test_the_interval_is_that_of_the_surface(haptic, model_description, limits, 
 
 def test_without_a_surface_the_model_is_solved(haptic, touch):
     done = haptic("solve", "--friction", 0.7, "--frequency", 137, "--json")
-    found = json.loads(done.out)
+    found = done.said
     answer = touch.predict(Conditions(*(np.array([x]) for x in (137.0, found["voltage_v"], 0.5))))
     assert answer.cof[0] == pytest.approx(0.7, rel=1e-3)
 

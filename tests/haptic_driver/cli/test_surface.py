@@ -1,7 +1,5 @@
 """`haptic surface build`, `info` and `plot`."""
 
-import json
-
 import matplotlib.image
 import numpy as np
 import pytest
@@ -22,7 +20,7 @@ def test_build_writes_the_surface_it_describes(haptic, tmp_path, small_file):
     done = haptic("surface", "build", "--out", out, *SMALL, "--json")
     assert done.status == 0
     assert done.err == ""
-    said = json.loads(done.out)
+    said = done.said
     assert set(said) == DESCRIBED | {"out", "uncertainty"}
     assert said["out"] == str(out)
     assert said["axes"] == {
@@ -35,7 +33,7 @@ def test_build_writes_the_surface_it_describes(haptic, tmp_path, small_file):
     np.testing.assert_array_equal(found.cof, small_file.cof)
     assert found.cof_interval is not None
     plain = haptic("surface", "build", "--out", out, *SMALL, "--no-interval", "--json")
-    assert json.loads(plain.out)["content_hash"] == small_file.content_hash
+    assert plain.said["content_hash"] == small_file.content_hash
     assert said["model"] == "reference"
 
 
@@ -43,14 +41,13 @@ def test_build_by_another_model_and_highest_voltage(haptic, tmp_path):
     done = haptic(
         "surface", "build", "--out", tmp_path / "s.h5", *SMALL, "--model", "table1", "--voltage-high-v", 80, "--json"
     )
-    assert json.loads(done.out)["model"] == "table1"
+    assert done.said["model"] == "table1"
     assert read_surface(tmp_path / "s.h5").voltage_v[-1] == 80.0
 
 
 def test_info_says_what_is_in_the_file(haptic, surface_path, surface_file):
     done = haptic("surface", "info", surface_path, "--json")
-    said = json.loads(done.out)
-    assert done.out.count("\n") == 1
+    said = done.said
     assert set(said) == DESCRIBED | {"file"}
     assert said["cof"]["low"] == pytest.approx(0.512, abs=1e-12)
     assert said["cof"]["high"] == pytest.approx(np.max(surface_file.cof))
@@ -72,7 +69,7 @@ def test_plot_writes_a_picture(haptic, surface_path, tmp_path):
     out = tmp_path / "s.png"
     done = haptic("surface", "plot", surface_path, "--out", out, "--normal-force", 0.5, "--json")
     assert done.status == 0
-    said = json.loads(done.out)
+    said = done.said
     assert set(said) == {"picture", "normal_force_n"}
     assert said["picture"] == str(out)
     assert said["normal_force_n"] == pytest.approx(0.1 * 20.0**0.5)  # the nearest of the five levels
@@ -92,7 +89,7 @@ def test_plot_writes_a_picture(haptic, surface_path, tmp_path):
 def test_axes_that_cannot_be_are_refused_by_name(haptic, tmp_path, arguments, words):
     done = haptic("surface", "build", "--out", tmp_path / "s.h5", "--json", *arguments)
     assert done.status == 2
-    error = json.loads(done.out)["error"]
+    error = done.said["error"]
     assert error["code"] == "bad_axes"
     assert words in error["message"]
     assert list(tmp_path.iterdir()) == []
@@ -105,11 +102,11 @@ def test_a_damaged_file(haptic, surface_path, tmp_path):
     for command in ("info", "plot"):
         done = haptic("surface", command, tmp_path / "s.h5", "--json")
         assert done.status == 2
-        assert json.loads(done.out)["error"]["code"] == "surface_corrupt"
+        assert done.said["error"]["code"] == "surface_corrupt"
 
 
 def test_an_out_that_cannot_be_written(haptic, tmp_path):
     (tmp_path / "file").write_text("")
     done = haptic("surface", "build", "--out", tmp_path / "file" / "s.h5", *SMALL, "--json")
     assert done.status == 1
-    assert json.loads(done.out)["error"]["code"] == "not_written"
+    assert done.said["error"]["code"] == "not_written"

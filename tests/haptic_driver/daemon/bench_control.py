@@ -7,13 +7,27 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import contextmanager
 
 import numpy as np
 
+from haptic_driver.daemon.processes import Place
 from haptic_driver.daemon.records import DaemonState, Event, RefusedError, Status
 from haptic_driver.daemon.samples import SAMPLE
+from haptic_driver.daemon.server import serve
 from haptic_driver.daemon.state_machine import StateMachine
 from haptic_driver.errors import BadInputError
+
+
+@contextmanager
+def serving(control, folder, *arguments, **options):
+    """Its API at the socket `d.sock` of a folder; gives the page's address where there is a port."""
+    place = Place(folder / "d.sock")
+    try:
+        with serve(control, place, *arguments, **options) as url:
+            yield url
+    finally:
+        place.close()
 
 
 class BenchControl:

@@ -1,115 +1,49 @@
-"""A daemon that may be killed, and the simulated amplifier's own record of what it did."""
+"""Shared memory; and one daemon for the tests of a module, on the simulated rig that it names as `RIG`."""
 
 from __future__ import annotations
 
-import json
-import os
-import queue
-import signal
-import subprocess
-import sys
-import threading
-import time
-from contextlib import suppress
-from pathlib import Path
+from functools import partial
 
 import pytest
 
-KILLABLE = Path(__file__).with_name("killable.py")
-HANG_S = 240.0
-LEASE_S = 0.5
-SCHEDULING_S = 0.2  # what a loaded machine may add to any reaction
+from haptic_driver.config import load_rig
+from haptic_driver.daemon.control_process import Daemon
+from haptic_driver.daemon.set_up import DaemonSettings, render_settings
+from haptic_driver.daemon.shared_state import SharedState
+from tests.haptic_driver.daemon import electrode, killing
 
-
-class KillableDaemon:
-    """`killable.py` as seen from outside: its reports, and what was at the electrode."""
-
-    def __init__(self, record: Path, rig: str):
-        self.record = record
-        self.report = {"state": "starting"}
-        self.process = subprocess.Popen(
-            [sys.executable, str(KILLABLE), str(record), rig], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-        )
-        self._lines: queue.Queue[bytes] = queue.Queue()
-        self._listener = threading.Thread(target=self._listen, daemon=True)
-        self._listener.start()
-
-    def _listen(self):
-        for line in self.process.stdout:
-            self._lines.put(line)
-
-    def await_fault(self):
-        """Why the daemon is in fault, once it is."""
-        while self._take(HANG_S)["state"] != "fault":
-            pass
-        return self.report["fault"]
-
-    def _take(self, timeout_s):
-        self.report = json.loads(self._lines.get(timeout=timeout_s))
-        return self.report
-
-    def go_on(self):
-        self.process.stdin.write(b"again\n")
-        self.process.stdin.flush()
-
-    def history(self):
-        """(time_s, voltage_v) of every change at the electrode."""
-        lines = self.record.read_text().splitlines() if self.record.exists() else []
-        return [(float(time_s), float(voltage_v)) for time_s, _, voltage_v in map(str.split, lines)]
-
-    def await_output(self):
-        """The process ids once there is rendered voltage; faults that a loaded machine causes are reset."""
-        until_s = time.monotonic() + HANG_S
-        while True:
-            with suppress(queue.Empty):
-                if self._take(0.005)["state"] == "fault":
-                    self.go_on()
-            history = self.history()
-            if self.report["state"] == "rendering" and history and history[-1][1] > 10.0:
-                return self.report["pids"]
-            assert time.monotonic() < until_s, f"no output: {self.report}"
-
-    def kill(self, pid):
-        """Kill a process and return when that was and how long voltage was there afterwards, within a lease."""
-        killed_s = time.monotonic()
-        os.kill(pid, signal.SIGKILL)
-        time.sleep(LEASE_S + SCHEDULING_S)
-        after = [(t - killed_s, v) for t, v in self.history() if t > killed_s]
-        return killed_s, after
-
-    def close(self):
-        with suppress(BrokenPipeError):
-            self.process.stdin.close()
-        try:
-            self.process.wait(HANG_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-        self._listener.join()
-        self.process.stdout.close()
-
-
-def exists(pid):
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0] != "Z"
+killable_daemon = killing.killable_daemon
 
 
 @pytest.fixture
-def process_exists():
-    return exists
+def shared():
+    state = SharedState()
+    yield state
+    state.close()
+
+
+@pytest.fixture(scope="module")
+def settings(request, surface_file, tmp_path_factory):
+    name = request.module.RIG
+    config = load_rig(name)
+    record = tmp_path_factory.mktemp("amplifier") / "record.txt"
+    render = render_settings(config, surface_file)
+    return DaemonSettings(name, "reference", config, surface_file, render, amplifier_record=record)
+
+
+@pytest.fixture(scope="module")
+def running(settings):
+    with Daemon(settings) as daemon:
+        yield daemon
 
 
 @pytest.fixture
-def killable_daemon(tmp_path):
-    daemons = []
+def daemon(running):
+    yield running
+    running.disarm()
 
-    def start(rig="simulated"):
-        daemons.append(KillableDaemon(tmp_path / "amplifier.txt", rig))
-        return daemons[-1]
 
-    yield start
-    for daemon in daemons:
-        daemon.close()
+@pytest.fixture
+def history(settings):
+    """(time_s, voltage_v) of every change at the electrode after a time."""
+    return partial(electrode.history, settings.amplifier_record)

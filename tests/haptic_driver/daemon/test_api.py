@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import http.client
-import importlib.util
 import json
 import os
 import socket
 import stat
 import threading
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 
 import httpx
@@ -21,36 +20,17 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect, unix_connect
 
 from haptic_driver.daemon.api import create_app
-from haptic_driver.daemon.processes import Place
 from haptic_driver.daemon.records import DaemonState
-from haptic_driver.daemon.server import serve
 from haptic_driver.errors import BadInputError, HapticError
+from tests.haptic_driver.daemon.bench_control import BenchControl, serving
 
 HANG_S = 60.0
 CHANGES = ["/arm", "/renew", "/set", "/texture", "/off", "/disarm", "/reset", "/record"]
 
 
-def bench_control():
-    path = Path(__file__).with_name("bench_control.py")
-    spec = importlib.util.spec_from_file_location("bench_control", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.BenchControl()
-
-
 @pytest.fixture
 def control():
-    return bench_control()
-
-
-@contextmanager
-def serving(control, folder, *arguments, **options):
-    place = Place(folder / "d.sock")
-    try:
-        with serve(control, place, *arguments, **options) as url:
-            yield url
-    finally:
-        place.close()
+    return BenchControl()
 
 
 @pytest.fixture
@@ -309,7 +289,7 @@ def test_serving_ends_with_streams_open(control, tmp_path):
 # --- fuzzing ---------------------------------------------------------------------------------------------------
 
 
-FUZZED = bench_control()
+FUZZED = BenchControl()
 schema = schemathesis.openapi.from_asgi("/openapi.json", create_app(FUZZED))
 checks.load_all_checks()
 CHECKS = checks.CHECKS.get_by_names(
@@ -318,7 +298,7 @@ CHECKS = checks.CHECKS.get_by_names(
 
 
 @schema.parametrize()
-@settings(max_examples=10, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=10, derandomize=True, suppress_health_check=list(HealthCheck))
 def test_whatever_is_sent_no_5xx_and_no_output_without_a_lease(case):
     case.call_and_validate(checks=CHECKS)
     assert FUZZED.machine.state in (DaemonState.IDLE, DaemonState.ARMED)  # rendering takes the token of the lease

@@ -15,7 +15,7 @@ import pytest
 from haptic_driver.client import HapticClient
 from haptic_driver.daemon.records import DaemonState, RefusedError
 from haptic_driver.errors import BadInputError, HapticError
-from tests.haptic_driver.daemon.waiting import HANG_S, until
+from tests.waiting import HANG_S, until
 
 SCRIPT = Path(sys.executable).with_name("haptic")
 LONG_S = 60.0  # a lease that a busy machine does not lose

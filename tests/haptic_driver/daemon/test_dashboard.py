@@ -1,13 +1,11 @@
 """The page in a real browser, in front of the real API; the daemon behind it is `bench_control.py`."""
 
-import importlib.util
 import json
 import math
 import os
 import shutil
 import time
 import urllib.request
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -18,6 +16,8 @@ from haptic_driver.daemon.records import DaemonState
 from haptic_driver.daemon.run import PAGE_FOLDER
 from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.daemon.server import serve
+from tests.haptic_driver.daemon.bench_control import BenchControl
+from tests.waiting import until
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 HANG_MS = 60_000
@@ -33,15 +33,7 @@ from playwright.sync_api import Error as BrowserError  # noqa: E402 - only where
 from playwright.sync_api import expect, sync_playwright  # noqa: E402
 
 
-def bench_control_class():
-    path = Path(__file__).with_name("bench_control.py")
-    spec = importlib.util.spec_from_file_location("bench_control", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.BenchControl
-
-
-class SlidingControl(bench_control_class()):
+class SlidingControl(BenchControl):
     """A finger that goes round on the screen, with a tick per millisecond of the clock."""
 
     def samples(self, since_tick, most):
@@ -146,11 +138,7 @@ def arm_and_set(page):
 
 
 def await_state(served, state):
-    until_s = time.monotonic() + HANG_S
-    while (status := served.ask("/status"))["state"] != state:
-        assert time.monotonic() < until_s, status
-        time.sleep(0.02)
-    return status
+    return until(lambda: (status := served.ask("/status"))["state"] == state and status)
 
 
 def pixels(page, plot):
@@ -158,10 +146,8 @@ def pixels(page, plot):
 
 
 def await_change(page, plot):
-    before = pixels(page, plot)
-    until_s = time.monotonic() + HANG_S
-    while pixels(page, plot) == before:  # the page forbids scripts made of strings, so nothing in it can wait for us
-        assert time.monotonic() < until_s, f"{plot} stands still"
+    before = pixels(page, plot)  # the page forbids scripts made of strings, so nothing in it can wait for us
+    until(lambda: pixels(page, plot) != before, lambda: f"{plot} stands still")
 
 
 def test_it_loads_without_complaint_and_asks_nobody_else(page, served):

@@ -6,45 +6,12 @@ import os
 import signal
 import time
 
-import pytest
-
-from haptic_driver.config import load_rig
-from haptic_driver.daemon.control_process import Daemon
 from haptic_driver.daemon.records import DaemonState
-from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.errors import HapticError
-from tests.haptic_driver.daemon.waiting import keep_rendering, until
+from tests.haptic_driver.daemon.waiting import keep_rendering
+from tests.waiting import until
 
-
-@pytest.fixture(scope="module")
-def record(tmp_path_factory):
-    return tmp_path_factory.mktemp("amplifier") / "record.txt"
-
-
-@pytest.fixture(scope="module")
-def running(surface_file, record):
-    config = load_rig("simulated-envelope")
-    render = render_settings(config, surface_file)
-    settings = DaemonSettings("simulated-envelope", "reference", config, surface_file, render, amplifier_record=record)
-    with Daemon(settings) as daemon:
-        yield daemon
-
-
-@pytest.fixture
-def daemon(running):
-    yield running
-    running.disarm()
-
-
-@pytest.fixture
-def history(record):
-    """(time_s, voltage_v) of every change at the electrode after a time."""
-
-    def since(time_s):
-        lines = (line.split() for line in record.read_text().splitlines())
-        return [(float(t), float(v)) for t, _, v in lines if float(t) > time_s]
-
-    return since
+RIG = "simulated-envelope"
 
 
 def test_the_electrode_follows_every_tick_and_not_only_every_set_point(daemon, history):
@@ -60,13 +27,13 @@ def test_the_electrode_follows_every_tick_and_not_only_every_set_point(daemon, h
         return len(seen) > 0.25 / interval_s
 
     keep_rendering(daemon, lease.token, moves)
-    assert max(v for _, v in history(0.0)) <= daemon.settings.config.limits.voltage_v
+    assert max(v for _, v in history()) <= daemon.settings.config.limits.voltage_v
     assert daemon.status().output_on is True
     off_s = time.monotonic()
     status = daemon.off()
     assert (status.state, status.output_on) == (DaemonState.ARMED, False)
-    zero_s = next(t for t, v in history(0.0)[::-1] if v == 0.0)
-    assert history(0.0)[-1][1] == 0.0
+    zero_s = next(t for t, v in history()[::-1] if v == 0.0)
+    assert history()[-1][1] == 0.0
     time.sleep(0.05)
     assert [v for t, v in history(max(off_s, zero_s)) if v > 0.0] == []
 
@@ -90,7 +57,7 @@ def test_a_lost_client_takes_the_envelope_to_zero(daemon, history):
     daemon.set_target(lease.token, 0.66)
     keep_rendering(daemon, lease.token, lambda: [v for _, v in history(time.monotonic() - 0.1) if v > 10.0])
     until(lambda: daemon.status().state is DaemonState.IDLE)
-    assert history(0.0)[-1][1] == 0.0
+    assert history()[-1][1] == 0.0
 
 
 def test_instruments_that_die_are_a_fault_and_come_back_with_their_envelope(daemon, history):

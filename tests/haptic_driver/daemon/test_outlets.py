@@ -1,56 +1,22 @@
 """LSL and OSC as their own receivers see them, over loopback."""
 
 import json
+import math
 import socket
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 
 from haptic_driver.daemon.outlets import LslOutlet, OscOutlet, feeding
 from haptic_driver.daemon.records import Event
-from haptic_driver.daemon.shared_state import SharedState
 from haptic_driver.errors import BadInputError, HapticError
+from tests.haptic_driver.daemon.ticks import made_tick
+from tests.waiting import HANG_S, until
 
-HANG_S = 60.0
 EVENT = Event(number=3, time_s=2.0, kind="marker", message="begin", data={"trial": 1})
 LSL_ON_LOOPBACK = "[multicast]\nResolveScope = machine\nIPv6 = disable\n[ports]\nIPv6 = disable\n"
-
-
-@pytest.fixture
-def shared():
-    state = SharedState()
-    yield state
-    state.close()
-
-
-def write_tick(shared, tick):
-    values = (
-        tick,
-        tick * 1e-3,
-        0.0,
-        0.0,
-        0.0,
-        0.01,
-        0.02,
-        0.0,
-        0.0,
-        0.05,
-        0.5,
-        0.3,
-        1,
-        0.6,
-        0.6,
-        float("nan"),
-        1.0,
-        250.0,
-        80.0,
-        1,
-        0,
-    )
-    shared.ring.write(values)
 
 
 class Telling:
@@ -68,23 +34,16 @@ class Telling:
         self.got.append((samples["tick"].tolist(), list(events)))
 
 
-def await_true(condition):
-    until_s = time.monotonic() + HANG_S
-    while not condition():
-        assert time.monotonic() < until_s
-        time.sleep(0.005)
-
-
 def test_outlets_get_what_is_new_once_and_a_failing_one_ends_alone(shared):
-    write_tick(shared, 1)
+    shared.ring.write(made_tick(1))
     good, bad, said = Telling(), Telling(OSError("no route")), []
     good.events = [EVENT.model_copy(update={"number": 2})]
     with feeding([bad, good], shared.ring, good.since, said.append):
-        await_true(lambda: said)
+        until(lambda: said)
         good.events.append(EVENT)
         for tick in range(2, 50):
-            write_tick(shared, tick)
-        await_true(lambda: sum(len(ticks) for ticks, _ in good.got) == 48 and any(events for _, events in good.got))
+            shared.ring.write(made_tick(tick))
+        until(lambda: sum(len(ticks) for ticks, _ in good.got) == 48 and any(events for _, events in good.got))
     assert [tick for ticks, _ in good.got for tick in ticks] == list(range(2, 50))
     assert [event for _, events in good.got for event in events] == [EVENT]
     assert said == ["Telling ended: no route"]
@@ -96,8 +55,11 @@ def test_osc_messages_are_read_by_an_osc_parser(shared):
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(HANG_S)
         outlet = OscOutlet(f"127.0.0.1:{receiver.getsockname()[1]}")
-        write_tick(shared, 1)
-        write_tick(shared, 2)
+        shared.ring.write(made_tick(1, position_x_m=0.5))
+        shared.ring.write(made_tick(
+            2, position_x_m=0.01, position_y_m=0.02, target_cof=0.6, measured_cof=math.nan, frequency_hz=250.0,
+            voltage_v=80.0, normal_force_n=0.5,
+        ))  # fmt: skip
         outlet.send(shared.ring.read(0).samples, [EVENT])
         sample, event = (osc.OscMessage(receiver.recv(2048)) for _ in range(2))
         outlet._client._sock.close()
@@ -120,7 +82,6 @@ import numpy as np
 import pylsl
 from haptic_driver.daemon.outlets import LslOutlet
 from haptic_driver.daemon.records import Event
-from haptic_driver.daemon.samples import SAMPLE
 
 outlet = LslOutlet(1000.0, "test")
 inlets = []

@@ -1,4 +1,4 @@
-"""The loop from render through pump and instruments to the finger, in made-up time."""
+"""The output pump in its loop, from render through the instruments to the finger, in made-up time."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import pytest
 
 from haptic_driver.actuator import make_actuator
 from haptic_driver.config import load_rig
-from haptic_driver.daemon.output_pump import START_S, OutputPump
+from haptic_driver.daemon.output_pump import OUTPUT_STALE_S, START_S, OutputPump
 from haptic_driver.daemon.real_time import Due
 from haptic_driver.daemon.render_process import Renderer
 from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.shared_state import NO_ORDER, Sensed, SharedState
 from haptic_driver.render.texture import Grating, Uniform
-from haptic_driver.rig import build_rig
+from haptic_driver.rig import RigState, build_rig
 from haptic_driver.rig_config import NoAnalogOutput
 from haptic_driver.simulated_rig import simulated_amplifier, simulated_generator, surface_friction
 from hw.analog_output import AnalogOutputSettings
@@ -71,8 +71,8 @@ class Loop:
         )
         self.pump.open(number)
 
-    def run(self, seconds):
-        """Let so much time pass; the samples."""
+    def run(self, seconds, rendering=True):
+        """Let so much time pass, in which render may hang; the samples."""
         position = self.shared.ring.position
         for _ in range(round(seconds / TICK_S)):
             self.now_s += TICK_S
@@ -90,7 +90,8 @@ class Loop:
             self.order = self.order._replace(beat_s=self.now_s)
             self.shared.order.write(self.order)
             self.pump.turn(self.now_s)  # may read what render said a tick ago
-            self.renderer.step(Due(self.number, self.now_s, 0.0, 0))
+            if rendering:
+                self.renderer.step(Due(self.number, self.now_s, 0.0, 0))
             self.pump.play_on(self.now_s)
         return self.shared.ring.read(position).samples
 
@@ -140,6 +141,28 @@ def test_another_target_goes_on_without_a_gap(start):
         loop.run(0.05)
         assert loop.amplifier.voltage_v > 50.0
     assert [event.state.name for event in loop.rig.events] == ["OFF", "ON"]
+
+
+def test_nothing_goes_out_through_a_closed_gate(start):
+    loop = start(1.0)
+    loop.set(0.65)
+    loop.run(0.5)
+    assert loop.amplifier.voltage_v > 50.0
+    loop.pump.close()
+    loop.run(0.05)
+    assert loop.amplifier.voltage_v == 0.0
+    assert loop.rig.events[-1].state is RigState.OFF
+
+
+def test_what_render_said_long_ago_goes_out_no_more(start):
+    loop = start(1.0)
+    loop.set(0.65)
+    loop.run(0.5)
+    loop.run(0.9 * OUTPUT_STALE_S, rendering=False)
+    assert loop.rig.events[-1].state is RigState.ON
+    loop.run(0.2 * OUTPUT_STALE_S, rendering=False)
+    assert loop.amplifier.voltage_v == 0.0
+    assert loop.rig.events[-1].state is RigState.OFF
 
 
 def test_gaps_of_an_envelope_are_counted_and_teach_nothing(surface_file):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 from dataclasses import replace
 
 import pytest
@@ -16,32 +15,22 @@ from haptic_driver.daemon.records import DaemonState, RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings, latency_budget_s, render_settings
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig_config import NiAnalogOutputConfig, NoFingerTracker, WatchdogConfig
-from haptic_driver.served_rig import ServedRig, as_real
+from haptic_driver.served_rig import as_real
 from hw.simulated.analog_output import SimulatedAnalogOutput
 from hw.simulated.net_ft_server import RdtFault
 from hw.simulated.tcp_server import TcpServer
-from tests.haptic_driver.daemon.waiting import keep_rendering, until
+from tests.haptic_driver.daemon.refusal import refusal
+from tests.haptic_driver.daemon.waiting import keep_rendering
+from tests.haptic_driver.stand_ins import living_rig
+from tests.waiting import until
 
-STEP_S = 0.002
 RESTING = 1.0  # well above what a finger that has not slid yet is trusted to feel
 
 
 @pytest.fixture(scope="module")
 def served(rig_config, touch):
-    with ServedRig(rig_config, touch) as rig:
-        ended = threading.Event()
-
-        def pass_time():
-            while not ended.wait(STEP_S):
-                rig.advance(STEP_S)
-
-        world = threading.Thread(target=pass_time)
-        world.start()
-        try:
-            yield rig
-        finally:
-            ended.set()
-            world.join()
+    with living_rig(rig_config, touch) as rig:
+        yield rig
 
 
 @pytest.fixture(scope="module")
@@ -68,18 +57,6 @@ def running(settings, served):
     assert daemon.close() is False
     assert served.amplifier.voltage_v == 0.0
     assert not served.generator.output().on
-
-
-@pytest.fixture
-def daemon(running):
-    yield running
-    running.disarm()
-
-
-def refusal(call, *arguments):
-    with pytest.raises(RefusedError) as refused:
-        call(*arguments)
-    return refused.value
 
 
 # --- what a file may say or leave out; before the daemon, as the instruments take one driver each ----------------

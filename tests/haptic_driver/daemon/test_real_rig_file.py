@@ -8,7 +8,6 @@ import signal
 import socket
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -16,10 +15,10 @@ from haptic_driver.client import HapticClient
 from haptic_driver.daemon.records import DaemonState
 from hw.stage import Lts150, StageSettings
 from hw.transport.resource import make_transport
-from tests.haptic_driver.daemon.waiting import HANG_S, until
+from tests.haptic_driver.config_texts import as_real_rig
+from tests.waiting import HANG_S, until
 
 RESTING = 1.0  # well above what a finger that has not slid yet is trusted to feel
-SIMULATED = Path(__file__).parents[3] / "configs" / "rigs" / "simulated.toml"
 REST = """
 [interlock]
 kind = "box"
@@ -54,8 +53,7 @@ def simulated():
 @pytest.fixture
 def rig_file(simulated, tmp_path):
     _, endpoints = simulated
-    text = SIMULATED.read_text(encoding="utf-8").replace("simulated = true", "simulated = false")
-    text = text.replace('resource = "simulated"', f'resource = "{endpoints["waveform_generator"]}"')
+    text = as_real_rig(endpoints["waveform_generator"])
     text += REST.format(port=endpoints["force_sensor"].split(":")[1], **endpoints)
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")

@@ -13,19 +13,7 @@ from hypothesis import strategies as st
 
 from haptic_driver.daemon import real_time
 from haptic_driver.daemon.real_time import Metronome
-
-
-class Clock:
-    """A clock that only sleeping and working move on."""
-
-    def __init__(self, start_s=100.0):
-        self.now_s = start_s
-
-    def __call__(self):
-        return self.now_s
-
-    def sleep_until(self, time_s):
-        self.now_s = max(self.now_s, time_s)
+from tests.clock import ManualClock
 
 
 def metronome(clock, number=0):
@@ -33,7 +21,7 @@ def metronome(clock, number=0):
 
 
 def test_instants_lie_on_a_grid_no_matter_how_long_work_takes():
-    clock = Clock()
+    clock = ManualClock(100.0)
     beat = metronome(clock)
     for number, work_s in enumerate((0.1, 0.4, 0.0, 0.49), start=1):
         due = beat.wait()
@@ -42,7 +30,7 @@ def test_instants_lie_on_a_grid_no_matter_how_long_work_takes():
 
 
 def test_a_late_instant_is_served_at_once_with_its_lateness():
-    clock = Clock()
+    clock = ManualClock(100.0)
     beat = metronome(clock)
     beat.wait()
     clock.now_s += 0.75  # into the interval after the next instant
@@ -52,7 +40,7 @@ def test_a_late_instant_is_served_at_once_with_its_lateness():
 
 
 def test_missed_instants_are_counted_and_left_out():
-    clock = Clock()
+    clock = ManualClock(100.0)
     beat = metronome(clock)
     beat.wait()
     clock.now_s += 5.1
@@ -64,12 +52,12 @@ def test_missed_instants_are_counted_and_left_out():
 
 
 def test_numbers_go_on_from_where_they_were():
-    assert metronome(Clock(), number=41).wait().number == 42
+    assert metronome(ManualClock(100.0), number=41).wait().number == 42
 
 
 @given(st.lists(st.floats(0.0, 3.0), max_size=50))
 def test_every_instant_is_served_once_or_missed_once(work_s):
-    clock = Clock()
+    clock = ManualClock(100.0)
     beat = metronome(clock)
     number = 0
     for work in work_s:
@@ -81,7 +69,7 @@ def test_every_instant_is_served_once_or_missed_once(work_s):
 
 
 def test_an_instant_is_rehearsed_while_awake_before_it_and_never_late():
-    clock = Clock()
+    clock = ManualClock(100.0)
     beat = Metronome(1e-3, spin_s=220e-6, clock=clock, sleep_until=clock.sleep_until)
     rehearsed = []
 

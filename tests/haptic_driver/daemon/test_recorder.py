@@ -19,12 +19,13 @@ from haptic_driver.daemon.recorder import Chunk, RunHeader, RunWriter, hidden_co
 from haptic_driver.daemon.recorder_process import Recorder
 from haptic_driver.daemon.records import Event
 from haptic_driver.daemon.samples import SAMPLE
-from haptic_driver.daemon.shared_state import RING_SAMPLES, SharedState
+from haptic_driver.daemon.shared_state import RING_SAMPLES
 from haptic_driver.errors import BadInputError
 from haptic_driver.recording import read_run, run_names
+from tests.haptic_driver.daemon.ticks import made_tick
+from tests.waiting import HANG_S, until
 
 VICTIM = Path(__file__).with_name("recording_victim.py")
-HANG_S = 60.0
 CONFIG = {"name": "bench 3", "limits": {"voltage_v": 120.0, "frequency_hz": [1.0, 1e6]}}
 
 
@@ -197,22 +198,11 @@ def test_a_recording_survives_200_kills(tmp_path, rng):
 
 def tell_ticks(shared, first, count):
     for tick in range(first, first + count):
-        shared.ring.write((tick, tick * 1e-3, *[0.0] * 10, 1, *[0.5] * 6, 1, 0))
-
-
-@pytest.fixture
-def shared():
-    state = SharedState()
-    yield state
-    state.close()
+        shared.ring.write(made_tick(tick))
 
 
 def await_samples(path, count):
-    until_s = time.monotonic() + HANG_S
-    while (run := read_run(path)).samples.size < count:
-        assert time.monotonic() < until_s, f"only {run.samples.size} samples"
-        time.sleep(0.02)
-    return run
+    return until(lambda: (run := read_run(path)).samples.size >= count and run)
 
 
 def test_the_process_records_the_ring_from_now_on_and_events(tmp_path, shared, header):
@@ -249,17 +239,9 @@ def test_a_killed_recorder_is_noticed_and_its_file_is_readable(tmp_path, shared,
     await_samples(tmp_path / "run.h5", 10)
     assert hidden_copy(tmp_path / "run.h5").exists()
     os.kill(recorder.pid, signal.SIGKILL)
-    assert "recorder died" in await_end(recorder)
+    assert "recorder died" in until(recorder.ended)
     assert read_run(tmp_path / "run.h5").samples["tick"].tolist() == list(range(10))
     assert os.listdir(tmp_path) == ["run.h5"]
-
-
-def await_end(recorder):
-    until_s = time.monotonic() + HANG_S
-    while (why := recorder.ended()) is None:
-        assert time.monotonic() < until_s, "it goes on"
-        time.sleep(0.01)
-    return why
 
 
 def test_a_full_disk_ends_the_recording_and_keeps_what_there_was(tmp_path, shared, header):
@@ -269,7 +251,7 @@ def test_a_full_disk_ends_the_recording_and_keeps_what_there_was(tmp_path, share
     size = hidden_copy(tmp_path / "run.h5").stat().st_size
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (size, size))  # no file may grow any more
     tell_ticks(shared, 20, 10_000)
-    why = await_end(recorder)
+    why = until(recorder.ended)
     assert "recording stopped" in why
     assert "Make room on the disk" in why
     assert ".behind" not in why
@@ -288,10 +270,7 @@ def test_a_run_ends_in_good_order_when_control_is_gone(tmp_path, shared, header)
     recorder = Recorder(tmp_path / "run.h5", header, shared)
     tell_ticks(shared, 0, 30)
     recorder._talk.close()  # as the end of its process does
-    until_s = time.monotonic() + HANG_S
-    while not recorder._child.ended:
-        assert time.monotonic() < until_s
-        time.sleep(0.01)
+    until(lambda: recorder._child.ended)
     assert read_run(tmp_path / "run.h5").samples["tick"].tolist() == list(range(30))
     assert read_run(tmp_path / "run.h5").attributes["complete"] is True
     recorder._child.stop()

@@ -15,6 +15,7 @@ from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.daemon.shared_state import NO_ORDER, NOTHING_SENSED, RING_SAMPLES, Sensed, SharedState
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import FrictionMap, Placed, Uniform
+from tests.haptic_driver.daemon.ticks import made_tick
 
 HAMMER_S = 1.0
 HAMMER = """
@@ -30,17 +31,6 @@ while time.monotonic() < until_s:
         shared.sensed.write(Sensed(x, x, x, True, x, x, x, bool(k % 2)))
         shared.ring.write((k, *(x,) * 11, 1, *(x,) * 6, 1, k % 512))
 """
-
-
-@pytest.fixture
-def shared():
-    state = SharedState()
-    yield state
-    state.close()
-
-
-def sample(number):
-    return (number, *(float(number),) * 11, 1, *(0.0,) * 6, 1, 0)
 
 
 def hammer(shared):
@@ -121,10 +111,10 @@ def test_a_record_that_does_not_match_its_checksum_is_not_believed(shared):
 
 def test_the_ring_keeps_order_over_its_end_and_says_what_a_late_reader_lost(shared):
     for number in range(RING_SAMPLES - 10):
-        shared.ring.write(sample(number))
+        shared.ring.write(made_tick(number))
     position = shared.ring.read(0).position
     for number in range(RING_SAMPLES - 10, RING_SAMPLES + 20):
-        shared.ring.write(sample(number))
+        shared.ring.write(made_tick(number))
     taken = shared.ring.read(position)
     assert taken.samples["tick"].tolist() == list(range(RING_SAMPLES - 10, RING_SAMPLES + 20))
     assert taken.lost == 0

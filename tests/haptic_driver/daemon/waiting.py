@@ -1,19 +1,8 @@
-"""Waiting for what another thread or process does; the limit is for hangs alone."""
+"""Waiting for the daemon under a lease that is kept meanwhile."""
 
 from __future__ import annotations
 
-import time
-
-HANG_S = 120.0
-
-
-def until(condition):
-    """Wait for it; what it gave."""
-    until_s = time.monotonic() + HANG_S
-    while not (found := condition()):
-        assert time.monotonic() < until_s
-        time.sleep(0.01)
-    return found
+from tests.waiting import until
 
 
 def keep_rendering(daemon, token, condition):

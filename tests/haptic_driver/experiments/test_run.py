@@ -14,8 +14,9 @@ import pytest
 from haptic_driver.config import RigConfig
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.bench import Scatter, SimulatedBench
+from haptic_driver.experiments.check import Refusal, told
 from haptic_driver.experiments.data_file import COLUMNS, DataFile, meta_path
-from haptic_driver.experiments.plan import Plan, Row, load_plan
+from haptic_driver.experiments.plan import Plan, Row, Setting, load_plan
 from haptic_driver.experiments.run import ATTEMPTS, READING_S, Experiment, prepare, run
 from haptic_driver.simulated_rig import FrictionLaw, friction_of, with_hidden
 from hw.force_sensor import ForceReading
@@ -131,6 +132,12 @@ def test_refused_points_are_reported_with_reasons_and_never_energised(
     bench = measured(experiment, tmp_path / "data.csv")
     assert bench.simulated.amplifier.max_voltage_v == pytest.approx(75.0, rel=1e-3)
     assert {row["frequency_hz"] for row in table(tmp_path / "data.csv")} == {"0", "100", "250"}
+
+
+def test_refusals_are_told_in_a_line_for_each_frequency_voltage_and_reason() -> None:
+    fast = [Setting(500.0, 75.0, load_n, speed) for load_n in (0.25, 1.0) for speed in (0.01, 0.04)]
+    refusals = [*(Refusal(setting, "too much") for setting in fast), Refusal(fast[0]._replace(voltage_v=125.0), "high")]
+    assert told(refusals) == ["500 Hz, 75 V, 0.25..1 N, 10..40 mm/s: too much", "500 Hz, 125 V, 0.25 N, 10 mm/s: high"]
 
 
 def test_a_plan_refused_throughout_is_an_error(config: RigConfig, model: TouchModel) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -28,30 +27,19 @@ from haptic_driver.served_rig import NORMAL_FORCE_N, ServedRig, as_real
 from hw import apt
 from hw.force_sensor import ForceReading
 from model.touch_model import Conditions, TouchModel
+from tests.haptic_driver.config_texts import as_real_rig
+from tests.haptic_driver.stand_ins import living_rig
 
 pytestmark = pytest.mark.timeout(300)
 
-STEP_S = 0.002
 SPEED_M_S = 0.02
 DRIVEN = Setting(250.0, 75.0, NORMAL_FORCE_N, SPEED_M_S)
 
 
 @pytest.fixture
 def served(config: RigConfig, model: TouchModel) -> Iterator[ServedRig]:
-    with ServedRig(config, model) as rig:
-        ended = threading.Event()
-
-        def pass_time() -> None:
-            while not ended.wait(STEP_S):
-                rig.advance(STEP_S)
-
-        world = threading.Thread(target=pass_time)
-        world.start()
-        try:
-            yield rig
-        finally:
-            ended.set()
-            world.join()
+    with living_rig(config, model) as rig:
+        yield rig
 
 
 @pytest.fixture
@@ -206,7 +194,6 @@ settle_s = 0.2
 average_s = 0.5
 pause_s = 0.0
 """
-SIMULATED = Path(__file__).parents[3] / "configs" / "rigs" / "simulated.toml"
 REAL = """
 [interlock]
 kind = "box"
@@ -235,8 +222,7 @@ acceleration_limit_m_s2 = 0.05
 @pytest.fixture
 def typed(served: ServedRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     monkeypatch.chdir(tmp_path)
-    text = SIMULATED.read_text(encoding="utf-8").replace("simulated = true", "simulated = false")
-    text = text.replace('resource = "simulated"', f'resource = "{served.endpoints["waveform_generator"]}"')
+    text = as_real_rig(served.endpoints["waveform_generator"])
     text += REAL.format(port=served.endpoints["force_sensor"].split(":")[1], **served.endpoints)
     Path("mine.toml").write_text(text, encoding="utf-8")
     Path("short.toml").write_text(PLAN, encoding="utf-8")

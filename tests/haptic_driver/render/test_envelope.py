@@ -74,9 +74,8 @@ def test_texture_far_above_the_ticks_own_rate_reaches_the_friction(stages, touch
     cof = touch.predict(Conditions(np.full(400, CARRIER_HZ), given_v, np.full(400, 0.5))).cof
     felt = np.interp(voltage_v, given_v, cof)
     x_m = 0.01 + 0.1 * 1e-3 * 100 + 0.1 * (np.arange(5000) + 1) / 50e3
-    assert (
-        np.abs(felt - grating.cof_at(x_m, np.zeros(5000))).max() < 0.004
-    )  # straight lines at 800 Hz: 1 % of it at crests
+    # straight lines at 800 Hz: 1 % of it at crests
+    assert np.abs(felt - grating.cof_at(x_m, np.zeros(5000))).max() < 0.004
 
 
 def test_held_from_tick_to_tick_the_same_texture_is_lost(stages):

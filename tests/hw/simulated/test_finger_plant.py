@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hw.simulated.finger_plant import FingerPlant
@@ -25,7 +25,6 @@ def test_the_step_response_is_the_closed_form() -> None:
         assert force_n == pytest.approx(0.2 + 1.0 - math.exp(-2.0 * math.pi * 276.0 * time_s), rel=1e-9)
 
 
-@settings(deadline=None)
 @given(st.lists(st.floats(1e-6, 1e-2), min_size=1, max_size=20), st.floats(0.0, 0.2), st.floats(0.0, 200.0))
 def test_the_result_does_not_depend_on_the_step(steps_s: list[float], speed_m_s: float, voltage_v: float) -> None:
     fine, coarse = FingerPlant(friction), FingerPlant(friction)

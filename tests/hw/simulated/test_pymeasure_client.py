@@ -9,14 +9,15 @@ from typing import Any
 import pytest
 
 from hw.simulated.tcp_server import TcpServer
-from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.simulated.waveform_generator import Simulated33220A
+from tests.hw.instruments import IMMEDIATE
 
 pytestmark = pytest.mark.timeout(60)
 
 
 @pytest.fixture
 def simulated() -> Simulated33220A:
-    return Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0))
+    return Simulated33220A(IMMEDIATE)
 
 
 @pytest.fixture

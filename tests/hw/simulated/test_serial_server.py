@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import os
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -10,13 +9,15 @@ import serial
 
 from hw.simulated.faults import Fault, FaultyInstrument
 from hw.simulated.serial_server import SerialServer
-from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.simulated.waveform_generator import Simulated33220A
+from tests.hw.instruments import IMMEDIATE
+from tests.waiting import HANG_S, until
 
-pytestmark = pytest.mark.timeout(30)
+pytestmark = pytest.mark.timeout(2 * HANG_S)
 
 
 def generator() -> Simulated33220A:
-    return Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0))
+    return Simulated33220A(IMMEDIATE)
 
 
 class Raw:
@@ -106,10 +107,7 @@ def test_closing_does_not_wait_for_a_client_who_does_not_read() -> None:
     server.start()
     with serial.Serial(server.path, timeout=5.0) as port:
         port.write(b"go\n")
-        deadline_s = time.monotonic() + 10.0
-        while not port.in_waiting and time.monotonic() < deadline_s:
-            time.sleep(0.001)
-        assert port.in_waiting
+        until(lambda: port.in_waiting)
         server.close()
 
 

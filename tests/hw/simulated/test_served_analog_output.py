@@ -12,21 +12,14 @@ from hw.simulated.served_analog_output import AnalogOutputServer, ServedAnalogOu
 from hw.simulated.tcp_server import TcpServer
 from hw.transport.memory import MemoryTransport
 from hw.transport.tcp import TcpTransport
+from tests.clock import ManualClock
 
 SETTINGS = AnalogOutputSettings(-5.0, 5.0, -5.0, 50e3, buffer_s=0.05, timeout_s=5.0)
 
 
-class Clock:
-    def __init__(self):
-        self.now_s = 10.0
-
-    def __call__(self):
-        return self.now_s
-
-
 @pytest.fixture
 def clock():
-    return Clock()
+    return ManualClock(10.0)
 
 
 @pytest.fixture

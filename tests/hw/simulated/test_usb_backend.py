@@ -11,14 +11,15 @@ import usb.core
 import usb.util
 
 from hw.simulated.usb_backend import BULK_IN, BULK_OUT, INTERRUPT_IN, SimulatedUsbBackend
-from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.simulated.waveform_generator import Simulated33220A
+from tests.hw.instruments import IMMEDIATE
 
 pytestmark = pytest.mark.timeout(30)
 
 
 @pytest.fixture
 def backend() -> Iterator[SimulatedUsbBackend]:
-    generator = Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0))
+    generator = Simulated33220A(IMMEDIATE)
     with SimulatedUsbBackend(generator, serial_number="MY44000001") as backend:
         yield backend
 

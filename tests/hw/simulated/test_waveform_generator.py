@@ -5,8 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A, TerminalOutput
-
-IMMEDIATE = GeneratorLatency(0.0, 0.0, 0.0, 0.0)
+from tests.hw.instruments import IMMEDIATE
 
 
 class Bench:
@@ -186,7 +185,7 @@ COMMAND = st.sampled_from(
 ).flatmap(lambda header: ARGUMENTS.get(header, LEVEL).map(lambda argument: f"{header} {argument}"))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.lists(COMMAND, max_size=12))
 def test_no_command_makes_more_than_ten_volts(commands: list[str]) -> None:
     bench = Bench()

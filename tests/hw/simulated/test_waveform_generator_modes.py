@@ -7,9 +7,8 @@ import struct
 
 import pytest
 
-from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A, TerminalOutput
-
-IMMEDIATE = GeneratorLatency(0.0, 0.0, 0.0, 0.0)
+from hw.simulated.waveform_generator import Simulated33220A, TerminalOutput
+from tests.hw.instruments import IMMEDIATE
 
 
 class Bench:

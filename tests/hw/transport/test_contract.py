@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -25,6 +24,7 @@ from hw.transport.serial import SerialTransport
 from hw.transport.tcp import TcpTransport
 from hw.transport.usbtmc import UsbTmcTransport
 from hw.transport.visa import VisaTransport
+from tests.hw.instruments import closed_port
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -222,12 +222,6 @@ def test_waiting_for_a_busy_transport_is_bounded(transport: Transport) -> None:
 
     with ThreadPoolExecutor(1) as pool, transport.exchange(), pytest.raises(DeviceTimeout, match="busy"):
         pool.submit(wait).result(10.0)
-
-
-def closed_port() -> int:
-    with socket.socket() as unused:
-        unused.bind(("127.0.0.1", 0))
-        return int(unused.getsockname()[1])
 
 
 NOBODY = {

@@ -133,7 +133,7 @@ FAULTS = st.builds(
 )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(script=st.lists(FAULTS, max_size=12))
 def test_no_script_hangs_mixes_up_answers_or_stays_broken(script: list[LinkFault]) -> None:
     """Each query ends within its timeout, in its own answer, a device error, or what garbage and copies explain."""

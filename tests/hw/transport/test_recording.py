@@ -14,11 +14,12 @@ from hypothesis import strategies as st
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
 from hw.simulated.faults import Disconnect, Fault, FaultyInstrument
-from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.simulated.waveform_generator import Simulated33220A
 from hw.transport.contract import Transport
 from hw.transport.memory import MemoryTransport
 from hw.transport.recording import Recording, Replay, ReplayMismatch
 from hw.waveform_generator import Agilent33220A, GeneratorSettings
+from tests.hw.instruments import IMMEDIATE
 
 SETTINGS = GeneratorSettings(100.0, 150.0, 100.0, 1000.0)
 
@@ -76,7 +77,7 @@ def test_a_driver_replays_byte_for_byte(tmp_path: Path) -> None:
         return [driver.read_output(), driver.off(), driver.close()]
 
     path = tmp_path / "wire.jsonl"
-    generator = Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0))
+    generator = Simulated33220A(IMMEDIATE)
     outcomes = session(Recording(MemoryTransport(generator), path))
     assert outcomes == [True, True, True]
     replay = Replay(path)
@@ -232,7 +233,7 @@ def test_a_file_that_is_no_log_is_refused(tmp_path: Path, text: str, message: st
     assert message in str(caught.value)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
 @given(steps=st.lists(st.tuples(st.binary(max_size=40), st.sampled_from([None, *Fault])), max_size=8))
 def test_any_dialogue_with_any_faults_replays_alike(tmp_path: Path, steps: list[tuple[bytes, Fault | None]]) -> None:
     def session(transport: Transport, line: FaultyInstrument | None) -> list[object]:

@@ -9,9 +9,10 @@ import pytest
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
 from hw.simulated.serial_server import SerialServer
-from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.simulated.waveform_generator import Simulated33220A
 from hw.transport.marker import scpi_marker
 from hw.transport.serial import SerialTransport
+from tests.hw.instruments import IMMEDIATE
 
 pytestmark = pytest.mark.timeout(30)
 
@@ -109,7 +110,7 @@ def test_a_line_that_had_no_time_to_settle_stays_dirty(server: SerialServer) -> 
 
 
 def test_the_scpi_marker_finds_the_place_again_without_an_error_in_the_queue() -> None:
-    with SerialServer(Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0))) as server:
+    with SerialServer(Simulated33220A(IMMEDIATE)) as server:
         transport = SerialTransport(server.path, marker=scpi_marker)
         transport.open()
         transport.write(b"FREQ 250\n")

@@ -1,17 +1,14 @@
 from __future__ import annotations
 
-import socket
-
 import pytest
 
 from hw.errors import DeviceDisconnected
 from hw.transport.tcp import TcpTransport
+from tests.hw.instruments import closed_port
 
 
 def test_a_refused_connection_is_a_disconnect_at_open() -> None:
-    with socket.socket() as unused:
-        unused.bind(("127.0.0.1", 0))
-        port = unused.getsockname()[1]
+    port = closed_port()
     with pytest.raises(DeviceDisconnected, match=f"TCPIP::127.0.0.1::{port}::SOCKET cannot be reached"):
         TcpTransport("127.0.0.1", port).open()
 

@@ -16,10 +16,11 @@ import usb.core
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
 from hw.simulated.usb_backend import SimulatedUsbBackend
-from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.simulated.waveform_generator import Simulated33220A
 from hw.transport.resource import make_transport
 from hw.transport.usbtmc import UsbTmcTransport
 from hw.transport.visa import VisaTransport
+from tests.hw.instruments import IMMEDIATE
 
 pytestmark = pytest.mark.timeout(30)
 
@@ -167,7 +168,7 @@ def test_a_malformed_reply_is_refused_and_the_next_is_right(
     assert transport.query(b"?right\n", 5.0) == b"right"
 
 
-def test_a_message_that_never_ends_is_refused(backend: SpyingBackend) -> None:
+def test_a_message_that_never_ends_is_refused() -> None:
     class Babble(SpyingBackend):
         def reply(self, tag: int, payload: bytes, *, last: bool) -> bytes:
             self._answers += b"more"
@@ -182,7 +183,6 @@ def test_a_message_that_never_ends_is_refused(backend: SpyingBackend) -> None:
 
 
 def test_an_answer_in_many_transfers_is_one_line(transport: UsbTmcTransport, backend: SpyingBackend) -> None:
-    backend.spoil = lambda reply: reply
     parts = iter([b"on", b"e l", b"ine\n"])
 
     def piecewise(reply: bytes) -> bytes:
@@ -345,7 +345,7 @@ def test_a_pulled_cable_is_a_disconnect_and_the_device_is_found_again(
 @pytest.fixture
 def system_backend(monkeypatch: pytest.MonkeyPatch) -> Iterator[SpyingBackend]:
     """The simulated device where every pyusb program looks for devices."""
-    generator = Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0))
+    generator = Simulated33220A(IMMEDIATE)
     with SpyingBackend(generator) as backend:
         monkeypatch.setattr(usb.backend.libusb1, "get_backend", lambda find_library=None: backend)
         yield backend

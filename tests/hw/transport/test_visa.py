@@ -12,9 +12,10 @@ import pytest
 from hw.errors import DeviceDisconnected, DeviceTimeout
 from hw.simulated.serial_server import SerialServer
 from hw.simulated.tcp_server import TcpServer
-from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A
+from hw.simulated.waveform_generator import Simulated33220A
 from hw.transport.marker import scpi_marker
 from hw.transport.visa import VisaTransport
+from tests.hw.instruments import IMMEDIATE
 
 pytestmark = pytest.mark.timeout(30)
 
@@ -80,7 +81,7 @@ def test_a_resource_that_the_library_cannot_parse_is_a_disconnect() -> None:
 
 
 def test_the_simulated_generator_over_a_socket_and_a_serial_line() -> None:
-    generator = Simulated33220A(GeneratorLatency(0.0, 0.0, 0.0, 0.0))
+    generator = Simulated33220A(IMMEDIATE)
     with TcpServer(generator) as tcp, SerialServer(generator) as serial:
         for resource, marker in ((tcp.resource, None), (f"ASRL{serial.terminal}::INSTR", scpi_marker)):
             transport = VisaTransport(resource, marker=marker)

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -178,11 +177,3 @@ class TestPrediction:
         points = with_effects(BY_NAME["skin_hydration"].off()).surface(f, v, n)
         for name in ("electrostatic_force_n", "cof", "current_rms_a", "stuck_current_rms_a"):
             np.testing.assert_allclose(getattr(points, name), getattr(grid, name), rtol=1e-12)  # rounding
-
-    def test_the_hash_follows_the_description(self, read) -> None:
-        model = read(RESISTANCE)
-        parameter = model.effect_parameters["series_resistance"]["resistance_ohm"]
-        other = replace(
-            model, effect_parameters={"series_resistance": {"resistance_ohm": replace(parameter, value=1.1e4)}}
-        )
-        assert other.content_hash != model.content_hash

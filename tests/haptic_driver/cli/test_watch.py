@@ -1,0 +1,37 @@
+"""`haptic watch`: JSON lines in a pipe, and a picture that says what matters."""
+
+from __future__ import annotations
+
+import json
+import os
+
+from rich.console import Console
+
+from haptic_driver.cli.watch import picture, sparkline
+from haptic_driver.daemon.api_records import state_frame
+
+
+def test_watch_in_a_pipe_is_json_lines(haptic, socket):
+    done = haptic("watch", "--for", "0.2")
+    assert done.status == 0
+    frames = [json.loads(line) for line in done.out.splitlines()]
+    assert frames
+    assert all(frame["status"]["rig"] == "bench" for frame in frames)
+
+
+def test_the_watch_picture_says_what_matters(control):
+    lease = control.arm(60.0)
+    control.set_target(lease.token, 0.6)
+    frame = state_frame(control.status(), control.samples(0, 10))
+    control.shown_off = False
+    control.fail("by hand")
+    fault = state_frame(control.status(), control.samples(0, 10)[:0])
+    for frames, words in (([frame], "output ON"), ([frame, fault], "fault: by hand"), ([fault], "UNKNOWN")):
+        console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
+        with console.file:
+            console.print(picture(frames))
+            assert words in console.export_text()
+
+
+def test_sparkline():
+    assert sparkline([0.0, None, 0.5, 1.0, 2.0, -1.0], 0.0, 1.0) == "▁ ▅██▁"

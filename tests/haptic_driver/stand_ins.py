@@ -1,0 +1,58 @@
+"""Devices and surroundings that more than one test file puts in the place of real ones."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import contextmanager
+
+from haptic_driver.served_rig import ServedRig
+from hw.errors import DeviceTimeout
+from hw.force_sensor import ForceReading
+
+STEP_S = 0.002
+
+
+class Heard:
+    """Keeps every message that reaches an instrument."""
+
+    def __init__(self, core):
+        self.core = core
+        self.messages = []
+
+    def handle(self, data):
+        self.messages.append(data.decode())
+        return self.core.handle(data)
+
+    def take(self):
+        taken, self.messages = self.messages, []
+        return taken
+
+
+class BreakableSensor:
+    """A force sensor that can be broken."""
+
+    broken = False
+
+    def read(self):
+        if self.broken:
+            raise DeviceTimeout("sensor did not answer", "check its cable")
+        return ForceReading(0.0, 0.5, 0.3, False)
+
+
+@contextmanager
+def living_rig(rig_config, touch):
+    """Instruments served over their own wires, in a world whose time passes."""
+    with ServedRig(rig_config, touch) as rig:
+        ended = threading.Event()
+
+        def pass_time():
+            while not ended.wait(STEP_S):
+                rig.advance(STEP_S)
+
+        world = threading.Thread(target=pass_time)
+        world.start()
+        try:
+            yield rig
+        finally:
+            ended.set()
+            world.join()
