@@ -140,4 +140,4 @@ class AnyOrder(RuleBasedStateMachine):
 
 
 TestAnyOrder = AnyOrder.TestCase
-TestAnyOrder.settings = settings(max_examples=40, stateful_step_count=20)
+TestAnyOrder.settings = settings(max_examples=150, stateful_step_count=20)
