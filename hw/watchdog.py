@@ -206,7 +206,8 @@ class _Instrument:
             self._transport.open()
             reply = self._transport.query(line, self._timeout_s)
         except Exception as error:  # whatever it is, the other instrument and the next attempt must not suffer
-            _log.warning("%s: %s", self.resource, error)
+            said = str(error)
+            _log.warning("%s", said if self.resource in said else f"{self.resource}: {said}")
             self._transport.close()
             return None
         match = self._answers.fullmatch(reply.strip())

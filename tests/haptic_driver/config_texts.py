@@ -6,6 +6,22 @@ from pathlib import Path
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SIMULATED = (CONFIGS / "rigs" / "simulated.toml").read_text(encoding="utf-8")
+DEVICES = """
+[interlock]
+kind = "box"
+resource = "{interlock}"
+[watchdog]
+generator = "{waveform_generator}"
+interlock = "{interlock_tcp}"
+[force_sensor]
+kind = "net_ft"
+host = "127.0.0.1"
+port = {port}
+counts_per_n = 1e6
+counts_per_n_m = 1e6
+normal_axis = "-z"
+lateral_axis = "x"
+"""
 
 
 def changed(text, *changes):
@@ -21,3 +37,9 @@ def as_real_rig(resource):
     return changed(
         SIMULATED, ("simulated = true", "simulated = false"), ('resource = "simulated"', f'resource = "{resource}"')
     )
+
+
+def served_rig_text(endpoints):
+    """The file of a real rig whose devices `haptic simulate` serves; stage and finger tracker are still to be added."""
+    port = endpoints["force_sensor"].split(":")[1]
+    return as_real_rig(endpoints["waveform_generator"]) + DEVICES.format(port=port, **endpoints)

@@ -15,26 +15,11 @@ from haptic_driver.client import HapticClient
 from haptic_driver.daemon.records import DaemonState
 from hw.stage import Lts150, StageSettings
 from hw.transport.resource import make_transport
-from tests.haptic_driver.config_texts import as_real_rig
+from tests.haptic_driver.config_texts import changed, served_rig_text
 from tests.waiting import HANG_S, until
 
 RESTING = 1.0  # well above what a finger that has not slid yet is trusted to feel
-REST = """
-[interlock]
-kind = "box"
-resource = "{interlock}"
-[watchdog]
-generator = "{waveform_generator}"
-interlock = "{interlock_tcp}"
-give_up_s = 2.0
-[force_sensor]
-kind = "net_ft"
-host = "127.0.0.1"
-port = {port}
-counts_per_n = 1e6
-counts_per_n_m = 1e6
-normal_axis = "-z"
-lateral_axis = "x"
+TRACKER = """
 [finger_tracker]
 kind = "recorded"
 file = "slide.csv"
@@ -53,8 +38,7 @@ def simulated():
 @pytest.fixture
 def rig_file(simulated, tmp_path):
     _, endpoints = simulated
-    text = as_real_rig(endpoints["waveform_generator"])
-    text += REST.format(port=endpoints["force_sensor"].split(":")[1], **endpoints)
+    text = changed(served_rig_text(endpoints), ("[watchdog]", "[watchdog]\ngive_up_s = 2.0")) + TRACKER
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
     rows = "".join(f"{0.1 * i:.1f},{1e-6 * i:.6f},0.5\n" for i in range(6000))

@@ -27,7 +27,7 @@ from haptic_driver.served_rig import NORMAL_FORCE_N, ServedRig, as_real
 from hw import apt
 from hw.force_sensor import ForceReading
 from model.touch_model import Conditions, TouchModel
-from tests.haptic_driver.config_texts import as_real_rig
+from tests.haptic_driver.config_texts import served_rig_text
 from tests.haptic_driver.stand_ins import living_rig
 
 pytestmark = pytest.mark.timeout(300)
@@ -194,21 +194,7 @@ settle_s = 0.2
 average_s = 0.5
 pause_s = 0.0
 """
-REAL = """
-[interlock]
-kind = "box"
-resource = "{interlock}"
-[watchdog]
-generator = "{waveform_generator}"
-interlock = "{interlock_tcp}"
-[force_sensor]
-kind = "net_ft"
-host = "127.0.0.1"
-port = {port}
-counts_per_n = 1e6
-counts_per_n_m = 1e6
-normal_axis = "-z"
-lateral_axis = "x"
+STAGE = """
 [stage]
 resource = "{stage}"
 travel_m = [0.0, 0.15]
@@ -222,8 +208,7 @@ acceleration_limit_m_s2 = 0.05
 @pytest.fixture
 def typed(served: ServedRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     monkeypatch.chdir(tmp_path)
-    text = as_real_rig(served.endpoints["waveform_generator"])
-    text += REAL.format(port=served.endpoints["force_sensor"].split(":")[1], **served.endpoints)
+    text = served_rig_text(served.endpoints) + STAGE.format(**served.endpoints)
     Path("mine.toml").write_text(text, encoding="utf-8")
     Path("short.toml").write_text(PLAN, encoding="utf-8")
     return ["measure", "--rig", "mine.toml", "--plan", "short.toml", "--out", "data.csv"]
