@@ -23,7 +23,7 @@ from haptic_driver.recording import read_run
 from haptic_driver.surface_builder import build_surface
 from hw.transport.tcp import TcpTransport
 from tests.haptic_driver.daemon.refusal import refusal
-from tests.haptic_driver.daemon.waiting import keep_rendering
+from tests.haptic_driver.daemon.waiting import keep_rendering, until_ready
 from tests.waiting import HANG_S, until
 
 RIG = "simulated"
@@ -243,10 +243,8 @@ def test_the_command_ends_with_the_output_off_and_a_killed_one_is_replaced(tmp_p
 
     def start():
         process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-        for line in process.stderr:
-            if "ready at" in line:
-                return process
-        raise AssertionError("it ended")
+        until_ready(process)
+        return process
 
     killed = start()
     killed.kill()

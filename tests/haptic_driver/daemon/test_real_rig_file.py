@@ -16,6 +16,7 @@ from haptic_driver.daemon.records import DaemonState
 from hw.stage import Lts150, StageSettings
 from hw.transport.resource import make_transport
 from tests.haptic_driver.config_texts import changed, served_rig_text
+from tests.haptic_driver.daemon.waiting import until_ready
 from tests.waiting import HANG_S, until
 
 RESTING = 1.0  # well above what a finger that has not slid yet is trusted to feel
@@ -51,11 +52,7 @@ def daemon(rig_file, tmp_path):
     place = tmp_path / "daemon.sock"
     command = [sys.executable, "-m", "haptic_driver.daemon", "--rig", str(rig_file), "--socket", str(place)]
     with subprocess.Popen([*command, "--allow-no-rt"], stderr=subprocess.PIPE, text=True) as process:
-        for line in process.stderr:
-            if "ready at" in line:
-                break
-        else:
-            pytest.fail("it ended")
+        until_ready(process)
         yield process, place
         process.kill()
 

@@ -1,8 +1,21 @@
-"""Waiting for the daemon under a lease that is kept meanwhile."""
+"""Waiting for the daemon: until it is ready, and under a lease that is kept meanwhile."""
 
 from __future__ import annotations
 
+import pytest
+
 from tests.waiting import until
+
+
+def until_ready(process):
+    """Read a daemon's standard error until it serves; when it ends instead, fail with what it said."""
+    said = []
+    for line in process.stderr:
+        said.append(line)
+        if "ready at" in line:
+            return
+    process.stderr.close()
+    pytest.fail(f"the daemon ended, status {process.wait()}: {''.join(said)}")
 
 
 def keep_rendering(daemon, token, condition):
