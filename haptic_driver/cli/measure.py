@@ -7,6 +7,7 @@ import importlib.util
 import inspect
 import sys
 from collections.abc import Callable
+from math import ceil
 from pathlib import Path
 from typing import Annotated
 
@@ -32,7 +33,7 @@ from haptic_driver.experiments.data_file import DataFile
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.run import Experiment, prepare, run
 from haptic_driver.experiments.stage_bench import StageBench
-from haptic_driver.rig import OffEvidence
+from haptic_driver.rig import OffEvidence, RigState
 from haptic_driver.simulated_rig import FrictionLaw, with_hidden
 from model.touch_model import TouchModel
 
@@ -89,15 +90,16 @@ def measure(
     identity = experiment.identity(source)
     opened = DataFile.resume(out, identity, experiment.rows) if resume else DataFile.create(out, identity, force=force)
     total = len(experiment.rows)
-    with opened as data:
+    with opened as data, progress("measuring", total) as advance:
+        bench = _bench(experiment, data.done, law, advance.tell)
         try:
-            with progress("measuring", total) as advance, _bench(experiment, data.done, law, advance.tell) as bench:
+            with bench:
                 off = run(experiment, bench, data, advance, advance.tell)
         except KeyboardInterrupt as stop:
-            raise HapticError(
-                "interrupted", f"interrupted; {data.done} of {total} rows are in {out}, the output is off",
-                "Continue with --resume",
-            ) from stop  # fmt: skip
+            is_off = bench.rig.state is RigState.OFF
+            output = "the output is off" if is_off else "the output MAY STILL BE ON: switch the amplifier off by hand"
+            said = f"interrupted; {data.done} of {total} rows are in {out}, {output}"
+            raise HapticError("interrupted", said, "Continue with --resume") from stop
     payload = {
         "rows": data.done,
         "skipped": experiment.skipped,
@@ -126,7 +128,7 @@ def _ask(experiment: Experiment, yes: bool) -> None:
     highest_v = max((row.setting.voltage_v for row in experiment.rows), default=0.0)
     stderr.print(
         f"rig {experiment.config.name} is real: {len(experiment.rows)} rows, up to {highest_v:g} V peak, at least "
-        f"{experiment.duration_s / 60:.0f} min; the stage will move, and home if it has not.\n"
+        f"{ceil(experiment.duration_s / 60)} min; the stage will move, and home if it has not.\n"
         "Take the finger off the screen: the force sensor's bias comes first."
     )
     if not sys.stdin.isatty():

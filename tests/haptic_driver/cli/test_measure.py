@@ -14,6 +14,10 @@ from pathlib import Path
 import pytest
 
 from haptic_driver.cli.main import main
+from haptic_driver.experiments.bench import SimulatedBench
+from hw.errors import DeviceTimeout
+from hw.force_sensor import ForceReading
+from hw.simulated.amplifier import SimulatedAmplifier
 
 PLAN = """
 name = "short"
@@ -166,3 +170,24 @@ def test_interrupted_by_the_user_the_file_can_be_continued(plan: str) -> None:
     assert any(
         f"{n} of 3000 rows".encode() in err for n in (done - 1, done)
     )  # a row may be written and not counted yet
+
+
+def test_an_interrupted_measurement_says_off_only_with_evidence(
+    plan: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Generator and enable line fall silent as the user presses Ctrl-C."""
+
+    def silent(self: SimulatedAmplifier) -> bool:
+        raise DeviceTimeout("enable line: no answer")
+
+    def broken(self: SimulatedBench) -> ForceReading:
+        self.simulated._server.close()
+        monkeypatch.setattr(SimulatedAmplifier, "read", silent)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(SimulatedBench, "read_force", broken)
+    assert main(["measure", "--plan", plan, "--out", "data.csv"]) == 1
+    err = " ".join(capsys.readouterr().err.split())
+    assert "interrupted; 0 of 3 rows" in err
+    assert "MAY STILL BE ON" in err
+    assert "output is off" not in err
