@@ -51,6 +51,7 @@ class Daemon:
 
     def __init__(self, settings: DaemonSettings, clock: Callable[[], float] = time.monotonic) -> None:
         self.settings = settings
+        self._calibration_ids = calibration_ids(settings.config)  # may fail, and holds nothing yet
         self.shared = SharedState()
         self._clock = clock
         self._machine = StateMachine()
@@ -435,7 +436,7 @@ class Daemon:
             simulated=settings.config.simulated,
             model=settings.model,
             surface_hash=settings.surface.content_hash,
-            calibration_ids=calibration_ids(settings.config),
+            calibration_ids=self._calibration_ids,
             software_version=version("haptic-driver"),
             actuator=actuator_name(settings.config),
             latency_budget_s=settings.latency_budget_s,
