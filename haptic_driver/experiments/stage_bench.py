@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Self
 
 from haptic_driver.config import RigConfig
-from haptic_driver.devices import Devices, connect_devices
+from haptic_driver.devices import connect_devices
 from haptic_driver.errors import HapticError
 from haptic_driver.experiments.plan import Plan, Row
 from haptic_driver.experiments.stroke import SPARE_S, stage_of, stroke
@@ -43,26 +43,15 @@ class StageBench:
     needed. Leaving switches off and stops the stage. Raises HapticError and DeviceError.
     """
 
-    def __init__(
-        self,
-        config: RigConfig,
-        plan: Plan,
-        tell: Tell = lambda what: None,
-        *,
-        clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
+    def __init__(self, config: RigConfig, plan: Plan, tell: Tell = lambda what: None) -> None:
         self._config = config
         self._stage_config = stage_of(config)
         self._plan = plan
         self._tell = tell
-        self._clock = clock
-        self._sleep = sleep
-        self._devices: Devices = connect_devices(without_envelope(config))
+        self._devices = connect_devices(without_envelope(config))
         self._sensor_zero_s = 0.0  # on the force sensor's clock
         self._sessions = 0
-        self._speed_m_s = 0.0
-        self._window_began: StageStatus | None = None
+        self._stroke: tuple[float, StageStatus]  # its speed, and the stage's status when it had been reached
 
     @property
     def rig(self) -> Rig:
@@ -72,7 +61,7 @@ class StageBench:
     @property
     def time_s(self) -> float:
         """See `Bench`."""
-        return self._clock()
+        return time.monotonic()
 
     def begin_session(self, session: int, time_s: float) -> None:
         """See `Bench`. Another session is another placing of the finger: it has to be lifted first."""
@@ -94,41 +83,36 @@ class StageBench:
             f"row {number + 1}: press with {wanted_n:g} N", lambda load_n: abs(load_n - wanted_n) <= tolerance_n
         )
         self._tell(f"row {number + 1}: measuring, hold {wanted_n:g} N")
-        self._window_began = None
-        self._speed_m_s = path.speed_m_s
         stage.set_velocity(path.speed_m_s, self._stage_config.acceleration_m_s2)
         stage.move_to(path.end_m)
-        self._sleep(path.accelerate_s)
-        if not stage.read_status().moving:
+        time.sleep(path.accelerate_s)
+        self._stroke = path.speed_m_s, stage.read_status()
+        if not self._stroke[1].moving:
             raise HapticError("stage_rests", "the stage was told to move and rests", "Free the stage; is it enabled?")
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
         """See `Bench`. Time passes by itself; without a load the stage rests and the finger may lift."""
         if normal_force_n == 0.0 and self._stage.read_status().moving:
             self._stage.stop()
-        self._sleep(dt_s)
+        time.sleep(dt_s)
 
     def read_force(self) -> ForceReading:
         """See `Bench`."""
-        if self._window_began is None:
-            self._window_began = self._stage.read_status()
         reading = self.rig.read_force()
         return reading._replace(time_s=reading.time_s - self._sensor_zero_s)
 
     def end_row(self) -> None:
         """See `Bench`. HapticError when the stage did not slide at the row's speed all the time."""
-        began, ended = self._window_began, self._stage.read_status()
-        if began is None:
-            raise HapticError("stage_rests", "no force was read during the stroke", "Measure longer than average_s")
+        (wanted_m_s, began), ended = self._stroke, self._stage.read_status()
         if not ended.moving:
             raise HapticError(
                 "stroke_ended", f"the stage came to rest at {1e3 * ended.position_m:.1f} mm before the row was over",
                 "The rig answers too slowly for this plan: is the computer busy? Then --resume",
             )  # fmt: skip
         speed_m_s = (ended.position_m - began.position_m) / (ended.time_s - began.time_s)
-        if abs(speed_m_s - self._speed_m_s) > SPEED_TOLERANCE * self._speed_m_s:
+        if abs(speed_m_s - wanted_m_s) > SPEED_TOLERANCE * wanted_m_s:
             raise HapticError(
-                "stage_slipped", f"the stage slid at {1e3 * speed_m_s:.2f} mm/s, not {1e3 * self._speed_m_s:.2f} mm/s",
+                "stage_slipped", f"the stage slid at {1e3 * speed_m_s:.2f} mm/s, not {1e3 * wanted_m_s:.2f} mm/s",
                 "Free the stage, or look at its scale in the rig's file; then --resume",
             )  # fmt: skip
 
@@ -167,10 +151,10 @@ class StageBench:
 
     def _await_load(self, what: str, wanted: Callable[[float], bool]) -> None:
         """Until the load's mean over `LOAD_STEADY_S` is as wanted; HapticError when it is not in time."""
-        began_s = self._clock()
+        began_s = time.monotonic()
         recent: deque[tuple[float, float]] = deque()
         while True:
-            now_s, load_n = self._clock(), self.rig.read_force().normal_force_n
+            now_s, load_n = time.monotonic(), self.rig.read_force().normal_force_n
             recent.append((now_s, load_n))
             while now_s - recent[0][0] > LOAD_STEADY_S:
                 recent.popleft()
@@ -183,4 +167,4 @@ class StageBench:
                     "Press as asked, or look at the force sensor's axes and bias; then --resume",
                 )  # fmt: skip
             self._tell(f"{what}, now {mean_n:.2f} N")
-            self._sleep(LOAD_POLL_S)
+            time.sleep(LOAD_POLL_S)
