@@ -61,6 +61,11 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, str | float]]) -> None:
         writer.writerows(rows)
 
 
+def exists_already(path: Path) -> BadInputError:
+    """What to raise where `path` would be overwritten unasked."""
+    return BadInputError("file_exists", f"{path}: exists already", "Give --force or another --out")
+
+
 def not_written(path: Path, error: OSError) -> HapticError:
     """What to raise where `path` could not be written."""
     if isinstance(error, IsADirectoryError):

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from haptic_driver.daemon.records import Event
 from haptic_driver.daemon.samples import SAMPLE
 from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.files import replacing
+from haptic_driver.files import exists_already, replacing
 
 FORMAT = "haptic-driver recording"
 FORMAT_VERSION = 1.0
@@ -89,7 +89,7 @@ def export(
     if write is None:
         raise BadInputError("bad_ending", f"{out}: ends neither in .csv nor in .parquet", "Give --out run.csv")
     if out.exists() and not force:
-        raise BadInputError("file_exists", f"{out}: exists already", "Give --force or another --out")
+        raise exists_already(out)
     with _opened(path) as file:
         group = _group(path, file, run)
         table = group["events" if events else "samples"]

@@ -31,7 +31,7 @@ from haptic_driver.experiments.touched_places import (
     rows_of,
     touch_places,
 )
-from haptic_driver.files import not_written, write_rows
+from haptic_driver.files import exists_already, not_written, write_rows
 from haptic_driver.rig_config import EvdevFingerConfig, RigConfig
 from hw.touch_screen import TouchReports, open_touch_reports
 from model.errors import nearest
@@ -101,7 +101,7 @@ def _check_writable(out: Path, force: bool) -> None:
     if not os.access(folder, os.W_OK):
         raise not_written(out, PermissionError(f"{folder} may not be written to"))
     if out.exists() and not force:
-        raise BadInputError("file_exists", f"{out}: exists already", "Give --force or another --out")
+        raise exists_already(out)
 
 
 def _touched(given: Places, screen: EvdevFingerConfig, spread_raw: float | None, out: Path | None) -> TouchFit:

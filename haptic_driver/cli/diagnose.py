@@ -15,9 +15,8 @@ from haptic_driver.config import load_model
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.plan import Setting, write_plan
 from haptic_driver.files import not_written
+from model.effects.base import SPEED_REFERENCE_M_S
 from model.errors import ModelError
-
-SPEED_M_S = 0.02  # of a slide that is to be measured, where the data do not say how fast theirs were
 
 
 def diagnose(
@@ -63,7 +62,7 @@ def _write_next_plan(steps: Sequence[Mapping[str, Any]], path: Path) -> Path | N
     """What to measure next, as a plan; None, and no file left from before, where there are no settings to measure."""
     settings = []
     for step in steps:
-        speed_m_s = step.get("speed_m_s", SPEED_M_S)
+        speed_m_s = step.get("speed_m_s", SPEED_REFERENCE_M_S)  # of data that do not say how fast they were
         if step["kind"] == "setting" and speed_m_s > 0.0:  # a held finger is no slide
             settings.append(Setting(step["frequency_hz"] or 0.0, step["voltage_v"], step["normal_force_n"], speed_m_s))
     if not settings:

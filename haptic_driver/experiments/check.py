@@ -9,7 +9,7 @@ import numpy as np
 
 from haptic_driver.config import RigConfig
 from haptic_driver.experiments.plan import Plan, Setting
-from haptic_driver.experiments.stroke import beyond_stage, stage_of
+from haptic_driver.experiments.stroke import beyond_stage
 from haptic_driver.render.safety import violation
 from haptic_driver.signals import OperatingPoint
 from hw.waveform_generator import AMPLITUDE_HIGH_VPP, AMPLITUDE_LOW_VPP
@@ -62,7 +62,7 @@ def check(
         point = OperatingPoint(setting.frequency_hz, setting.voltage_v, cof, *currents, True, cof, cof)
         reason = (
             _beyond_generator(setting, config)
-            or _beyond_stage(setting, plan, config)
+            or beyond_stage(setting, plan, config)
             or _no_equilibrium(cof)
             or violation(limits, point)
         )
@@ -78,11 +78,6 @@ def _beyond_generator(setting: Setting, config: RigConfig) -> str | None:
     if setting.voltage_v == 0.0 or low_v <= setting.voltage_v <= high_v:
         return None
     return f"{setting.voltage_v:g} V is outside {low_v:g}..{high_v:g} V, what the generator can make"
-
-
-def _beyond_stage(setting: Setting, plan: Plan, config: RigConfig) -> str | None:
-    """A simulated finger slides as far as it is told."""
-    return None if config.simulated else beyond_stage(setting, plan, stage_of(config), config.output)
 
 
 def _no_equilibrium(cof: float) -> str | None:

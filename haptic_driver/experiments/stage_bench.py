@@ -74,7 +74,7 @@ class StageBench:
     def begin_row(self, number: int, row: Row) -> None:
         """See `Bench`. To where the stroke begins, until the load is there, and up to speed."""
         stage, wanted_n = self._stage, row.setting.normal_force_n
-        path = stroke(row.setting, self._plan, self._stage_config, self._config.output)
+        path = stroke(row.setting, self._plan, self._config)
         stage.set_velocity(self._stage_config.velocity_m_s, self._stage_config.acceleration_m_s2)
         stage.move_to(path.start_m)
         stage.wait(self._move_s(stage, path.start_m))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.plan import Plan, Setting
-from haptic_driver.rig_config import OutputConfig, RigConfig, StageConfig
+from haptic_driver.rig_config import RigConfig, StageConfig
 
 SPARE_S = 1.0  # for set points that take longer than the voltage may rise, and for the stage's own delays
 
@@ -35,22 +35,25 @@ def stage_of(config: RigConfig) -> StageConfig:
     return config.stage
 
 
-def stroke(setting: Setting, plan: Plan, stage: StageConfig, output: OutputConfig) -> Stroke:
+def stroke(setting: Setting, plan: Plan, config: RigConfig) -> Stroke:
     """The slide that a row at `setting` takes: the voltage rises, friction settles and is averaged at full speed."""
-    speed_m_s = setting.speed_m_s
+    stage, speed_m_s = stage_of(config), setting.speed_m_s
     accelerate_s = speed_m_s / stage.acceleration_m_s2
-    rise_s = setting.voltage_v / output.voltage_rise_v_per_s
+    rise_s = setting.voltage_v / config.output.voltage_rise_v_per_s
     length_m = speed_m_s * (accelerate_s + rise_s + plan.settle_s + plan.average_s + SPARE_S)
     middle_m = 0.5 * (stage.travel_m[0] + stage.travel_m[1])
     return Stroke(middle_m - 0.5 * length_m, middle_m + 0.5 * length_m, speed_m_s, accelerate_s)
 
 
-def beyond_stage(setting: Setting, plan: Plan, stage: StageConfig, output: OutputConfig) -> str | None:
-    """Why the stage cannot slide so; None when it can."""
+def beyond_stage(setting: Setting, plan: Plan, config: RigConfig) -> str | None:
+    """Why the stage cannot slide so; None when it can. A simulated finger slides as far as it is told."""
+    if config.simulated:
+        return None
+    stage = stage_of(config)
     if setting.speed_m_s > stage.velocity_limit_m_s:
         fastest = f"{1e3 * stage.velocity_limit_m_s:g} mm/s"
         return f"{1e3 * setting.speed_m_s:g} mm/s is faster than the stage may move, {fastest}"
-    needed_m, travel_m = stroke(setting, plan, stage, output).length_m, stage.travel_m[1] - stage.travel_m[0]
+    needed_m, travel_m = stroke(setting, plan, config).length_m, stage.travel_m[1] - stage.travel_m[0]
     if needed_m <= travel_m:
         return None
     return (

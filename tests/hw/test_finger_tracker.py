@@ -13,17 +13,7 @@ from hw.finger_tracker import FingerReading, FingerTracker, RecordedFinger, Stag
 from hw.simulated.stage import SimulatedLts150
 from hw.stage import Lts150, StageSettings, StageStatus
 from hw.transport.memory import MemoryTransport
-
-
-class Clock:
-    def __init__(self) -> None:
-        self.now_s = 1000.0
-
-    def __call__(self) -> float:
-        return self.now_s
-
-    def pass_time(self, duration_s: float = 0.01) -> None:
-        self.now_s += duration_s
+from tests.clock import ManualClock
 
 
 def test_readings_map_onto_the_samples_of_the_driver() -> None:
@@ -32,10 +22,10 @@ def test_readings_map_onto_the_samples_of_the_driver() -> None:
 
 
 def test_a_stage_carries_the_finger() -> None:
-    clock = Clock()
+    clock = ManualClock(1000.0)
     instrument = SimulatedLts150(clock)
     settings = StageSettings(0.0, 0.15, 0.02, 0.02, 0.05, 0.05)
-    stage = Lts150(MemoryTransport(instrument, clock=clock), settings, clock=clock, sleep=clock.pass_time)
+    stage = Lts150(MemoryTransport(instrument, clock=clock), settings, clock=clock, sleep=clock.sleep)
     stage.connect()
     before = StageFinger(stage.read_status, origin_m=(0.01, 0.02), clock=clock)
     with before:
@@ -66,7 +56,7 @@ def test_a_stage_in_motion_is_followed() -> None:
 
 
 def test_a_stage_that_fails_or_falls_silent_is_an_error() -> None:
-    clock = Clock()
+    clock = ManualClock(1000.0)
     failing = threading.Event()
     failed = threading.Event()
 
@@ -78,7 +68,7 @@ def test_a_stage_that_fails_or_falls_silent_is_an_error() -> None:
 
     with StageFinger(read_status, origin_m=(0.0, 0.0), interval_s=0.001, clock=clock) as finger:
         assert finger.read().touching
-        clock.pass_time(0.3)
+        clock.sleep(0.3)
         with pytest.raises(DeviceTimeout, match="no position for"):
             finger.read()
         failing.set()
@@ -95,7 +85,7 @@ def test_a_stage_finger_that_was_not_started_is_an_error() -> None:
 
 
 def test_a_recording_is_played_from_the_first_reading_on() -> None:
-    clock = Clock()
+    clock = ManualClock(1000.0)
     finger = RecordedFinger(
         np.array([5.0, 5.1, 5.2]),
         np.array([0.01, 0.02, 0.03]),
@@ -103,13 +93,13 @@ def test_a_recording_is_played_from_the_first_reading_on() -> None:
         np.array([False, True, True]),
         clock=clock,
     )
-    clock.pass_time(50.0)
+    clock.sleep(50.0)
     assert finger.read() == (1050.0, 0.01, 0.0, False)
-    clock.pass_time(0.15)
+    clock.sleep(0.15)
     assert finger.read() == (pytest.approx(1050.1), 0.02, 0.0, True)
-    clock.pass_time(0.04)
+    clock.sleep(0.04)
     assert finger.read() == (pytest.approx(1050.1), 0.02, 0.0, True)
-    clock.pass_time(10.0)
+    clock.sleep(10.0)
     assert finger.read() == (clock(), 0.03, 0.001, False)
 
 

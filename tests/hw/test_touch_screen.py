@@ -28,6 +28,7 @@ from hw.touch_screen import (
     open_touch_reports,
     open_touch_screen,
 )
+from tests.clock import ManualClock
 
 TODAY = datetime.date(2026, 1, 31)
 # The inverse of the panel by hand: 20 counts per mm, origin at (50, 3000), y counted downwards.
@@ -35,22 +36,11 @@ CALIBRATION = TouchCalibration(((5e-5, 0.0, -50 * 5e-5), (0.0, -5e-5, 3000 * 5e-
 COUNT_M = 5e-5
 
 
-class Clock:
-    def __init__(self) -> None:
-        self.now_s = 1000.0
-
-    def __call__(self) -> float:
-        return self.now_s
-
-    def pass_time(self, duration_s: float = 0.01) -> None:
-        self.now_s += duration_s
-
-
 class Bench:
     """A simulated screen and the tracker that reads it, on one clock."""
 
     def __init__(self, slots: int) -> None:
-        self.clock = Clock()
+        self.clock = ManualClock(1000.0)
         self.screen = SimulatedTouchScreen(Panel(), slots=slots, clock=self.clock)
         descriptor = self.screen.descriptor
         reports = TouchReports(
@@ -62,12 +52,12 @@ class Bench:
         self.tracker = TouchScreen(reports, CALIBRATION, clock=self.clock)
 
     def put(self, x_m: float, y_m: float, *, finger: int = 0) -> FingerReading:
-        self.clock.pass_time()
+        self.clock.sleep(0.01)
         self.screen.put(x_m, y_m, finger=finger)
         return self.tracker.read()
 
     def lift(self, *, finger: int = 0) -> FingerReading:
-        self.clock.pass_time()
+        self.clock.sleep(0.01)
         self.screen.lift(finger=finger)
         return self.tracker.read()
 
@@ -126,11 +116,11 @@ def test_a_straight_slide_keeps_the_other_coordinate(bench: Bench) -> None:
 def test_a_finger_at_rest_is_where_it_is_now(bench: Bench) -> None:
     bench.put(0.02, 0.03)
     touched_s = bench.clock()
-    bench.clock.pass_time(0.04)
+    bench.clock.sleep(0.04)
     assert bench.tracker.read().time_s == pytest.approx(touched_s, abs=1e-6)
-    bench.clock.pass_time(0.02)
+    bench.clock.sleep(0.02)
     assert bench.tracker.read() == (bench.clock(), pytest.approx(0.02), pytest.approx(0.03), True)
-    bench.clock.pass_time(1.0)
+    bench.clock.sleep(1.0)
     assert bench.tracker.read().time_s == bench.clock()
 
 
@@ -139,7 +129,7 @@ def test_times_never_go_back(script: list[tuple[str, int]]) -> None:
     bench = Bench(slots=3)
     told_s = 0.0
     for action, number in script:
-        bench.clock.pass_time(0.001 * number)
+        bench.clock.sleep(0.001 * number)
         if action == "put":
             bench.screen.put(0.001 * number, 0.02, finger=number % 3)
         elif action == "lift":
@@ -167,7 +157,7 @@ def test_dropped_events_end_a_touch_that_may_have_ended(bench: Bench) -> None:
     bench.lift()
     bench.screen.find_events()
     assert bench.tracker.read()[1:] == (pytest.approx(0.02), pytest.approx(0.03), False)
-    bench.clock.pass_time(1.0)
+    bench.clock.sleep(1.0)
     assert bench.tracker.read().touching is False
 
 
@@ -220,14 +210,14 @@ def test_a_closed_tracker_says_so(bench: Bench) -> None:
 
 def test_a_long_backlog_is_read_in_one_go(bench: Bench) -> None:
     for i in range(300):
-        bench.clock.pass_time()
+        bench.clock.sleep(0.01)
         bench.screen.put(0.0001 * i, 0.0001 * i)
     assert bench.tracker.read()[1:] == (pytest.approx(0.0299), pytest.approx(0.0299), True)
 
 
 def test_a_backlog_that_ran_over_ends_the_touch(bench: Bench) -> None:
     for i in range(2000):
-        bench.clock.pass_time()
+        bench.clock.sleep(0.01)
         bench.screen.put(0.0001 * i, 0.0001 * i)
     bench.tracker.read()
     assert bench.put(0.01, 0.01).touching is False
@@ -399,7 +389,7 @@ def test_a_touch_screen_keeps_the_protocol_of_trackers(slotted: Bench) -> None:
 def test_an_opened_screen_tells_counts_and_the_range_of_its_axes(
     monkeypatch: pytest.MonkeyPatch, slots: bool, axes: tuple[int, int]
 ) -> None:
-    clock = Clock()
+    clock = ManualClock(1000.0)
     screen = SimulatedTouchScreen(Panel(), slots=10 if slots else 0, clock=clock)
     ranges = dict(zip(axes, ((50, 4050), (0, 3000)), strict=True))
 

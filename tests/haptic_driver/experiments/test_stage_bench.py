@@ -174,7 +174,7 @@ def test_what_the_stage_cannot_do_is_refused_before_anything_moves(config: RigCo
     assert "faster than the stage may move, 50 mm/s" in refusals[0].reason
     # 0.05 m/s for 2.5 s of acceleration at 0.02 m/s2, 7.5 ms of rising voltage, and 1 + 2 + 1 s
     assert "a slide of 325 mm is longer than the stage's travel, 150 mm" in refusals[1].reason
-    path = stroke(DRIVEN, given, stage_of(real), real.output)
+    path = stroke(DRIVEN, given, real)
     assert path.start_m + path.end_m == pytest.approx(0.15)
     assert path.length_m == pytest.approx(0.02 * (1.0 + 0.0075 + 4.0))
     with pytest.raises(BadInputError) as error:
