@@ -147,20 +147,11 @@ def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:
     n = axes.normal_force_n
     voltage = np.concatenate([[0.0], CORRECTION_VOLTAGES * axes.voltage_high_v])
 
-    def off_and_rise(speed_m_s: float) -> tuple[Array, Array]:
-        """Friction without voltage [n], and how much each voltage adds to it [f, n, v]."""
-        cof = touch.surface(f, voltage, n, speed_m_s=speed_m_s).cof.transpose(0, 2, 1)
-        return cof[0, :, 0], cof[:, :, 1:] - cof[:, :, :1]
-
-    off_reference, rise_reference = off_and_rise(SPEED_REFERENCE_M_S)
     speed_matters = any("speed_m_s" in effect.needs for effect in touch.description.effects)
-    off, rise = zip(
-        *(
-            off_and_rise(s) if speed_matters else (off_reference, rise_reference)
-            for s in CORRECTION_SPEEDS_M_S.tolist()
-        ),
-        strict=True,
-    )
+    speeds = [SPEED_REFERENCE_M_S, *(CORRECTION_SPEEDS_M_S.tolist() if speed_matters else [])]
+    cof = touch.cof_at_speeds(f, voltage, n, np.array(speeds)).transpose(1, 3, 0, 2)  # [f, n, s, v]
+    off, rise = cof[0, :, :, 0], cof[:, :, :, 1:] - cof[:, :, :, :1]
+    over_speed = np.arange(1, len(speeds)) if speed_matters else np.zeros(CORRECTION_SPEEDS_M_S.size, dtype=np.int64)
     zero = np.zeros_like(CORRECTION_TIMES_S)
     over_time = touch.predict(Conditions(zero, zero, zero + n[0], time_s=CORRECTION_TIMES_S)).cof
     return Correction(
@@ -169,7 +160,7 @@ def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:
         log_speed=np.log(CORRECTION_SPEEDS_M_S),
         voltage_v=voltage[1:],
         time_s=CORRECTION_TIMES_S,
-        off_factor=np.stack(off, axis=1) / off_reference[:, None],
-        gain_factor=np.stack(rise, axis=2) / rise_reference[:, :, None],
-        time_factor=over_time / off_reference[0],
+        off_factor=off[:, over_speed] / off[:, :1],
+        gain_factor=rise[:, :, over_speed] / rise[:, :, :1],
+        time_factor=over_time / off[0, 0],
     )

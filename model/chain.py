@@ -69,10 +69,13 @@ def prepare(
     shape = np.broadcast_shapes(*(np.shape(v) for v in [*mechanical, *(x for row in electrical for x in row)]))
 
     def flat(value: Values, dtype: type = float) -> Any:
-        return np.array(np.broadcast_to(np.asarray(value, dtype=dtype), shape)).ravel()
+        filled: Any = np.empty(shape, dtype=dtype)
+        filled[...] = value
+        return filled.ravel()
 
     def by_branch(position: int, dtype: type) -> Any:
-        return np.stack([flat(row[position], dtype) for row in electrical], axis=1)
+        rows = [flat(row[position], dtype)[:, None] for row in electrical]
+        return rows[0] if len(rows) == 1 else np.concatenate(rows, axis=1)  # fresh memory costs more than the numbers
 
     scale, length, shift, load, added, limit, _ = (flat(v) for v in mechanical)
     circuit = GapCircuit(

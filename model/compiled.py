@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+import numpy as np
 
 from model.cache import cache_dir
 
@@ -55,3 +56,9 @@ def _compiled(function: F, fastmath: bool | set[str], inline: str = "never") -> 
         return cast(F, numba.njit(cache=True, **options)(function))
     finally:
         config.CACHE_DIR = before
+
+
+@kernel
+def span(start: int, end: int) -> range:
+    """range(start, end) of indices that do not count from the end: loops over them can run on vectors."""
+    return range(np.uintp(start), np.uintp(end))

@@ -14,7 +14,7 @@ from model.compiled import kernel
 from model.contact import area_ratio
 from model.dielectrics import EPS0, Array, ComplexArray
 from model.gap_table import GapTable, lookup
-from model.pressure import GapCircuit
+from model.pressure import GapCircuit, divider
 
 
 def sliding_current_per_v(table: GapTable, circuit: GapCircuit, total_pressure_pa: Array, omega: Array) -> Array:
@@ -48,16 +48,17 @@ def _admittance(
             if not np.isfinite(pressure[i]):
                 result[i, c] = np.nan
                 continue
-            beta = bypass[i, c] + leak[i, c] * pressure[i]
-            a = 1.0 + beta * h[i, c]
-            z = k_gap[i, c] * h[i, c] / a + shift[i]
+            beta, per_a, z = divider(h[i, c], k_gap[i, c], bypass[i, c], leak[i, c], shift[i], pressure[i])
             lookup(values, pressure[i] / p_scale[i], z / h_scale[i], out)
-            result[i, c] = density_per_v(beta, a, k_gap[i, c], apart[i], out, h_scale[i])
+            result[i, c] = density_per_v(beta, per_a, k_gap[i, c], apart[i], out, h_scale[i])
 
 
 @kernel
-def density_per_v(beta: complex, a: complex, k_gap: complex, apart: float, looked_up: Array, h_scale: float) -> float:
+def density_per_v(
+    beta: complex, per_a: complex, k_gap: complex, apart: float, looked_up: Array, h_scale: float
+) -> float:
     """|current density/(j w eps0 V)| in 1/m from what `lookup` found; `apart` is the share out of contact."""
     size = looked_up[1] / h_scale
     inverse_gap = complex(size * math.cos(looked_up[2]), size * math.sin(looked_up[2]))
-    return float(abs(beta / a * apart + k_gap / (a * a) * inverse_gap))
+    density = per_a * (beta * apart + k_gap * per_a * inverse_gap)
+    return math.sqrt(density.real * density.real + density.imag * density.imag)

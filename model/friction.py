@@ -32,7 +32,11 @@ def cof(
     bend = np.asarray(laws.load_exponent - 1.0)
     if bend.any():
         rise = rise * (rise * normal_force_n / LOAD_REFERENCE_N) ** bend
-    return np.asarray(cof_off * laws.cof_off_factor * rise)
+    factor = np.asarray(cof_off * laws.cof_off_factor)
+    if np.broadcast_shapes(rise.shape, factor.shape) != rise.shape:
+        return np.asarray(rise * factor)
+    rise *= factor
+    return rise
 
 
 def electrostatic_force_n(law: FrictionLaw, cof_off: float, cof_on: Array, normal_force_n: Array) -> Array:

@@ -18,7 +18,7 @@ import os
 import tempfile
 import zipfile
 from dataclasses import asdict, dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import atan2, log, pi
 from pathlib import Path
 
@@ -37,6 +37,8 @@ ANGLE_AXIS = (0.0, pi / 2.0, 15)
 LOG_U_AXIS = (np.log(1e-13), np.log(60.0), 0.1)  # gaps, in units of h_rms
 MAGNIFICATION_STEP = 0.2  # against 0.05: 3e-8 in every integral
 
+Four = tuple[float, float, float, float]
+
 
 @dataclass(frozen=True)
 class GapTable:
@@ -53,6 +55,26 @@ class GapTable:
     def content_hash(self) -> str:
         """Identifies the numbers in the table, for provenance."""
         return _key(self.shape)
+
+    def refined(self, nodes_per_row: int) -> Array:
+        """`values` with as many pressures per row of them, evenly spaced in the logarithm, as `lookup` has them."""
+        if nodes_per_row not in self._refined:
+            place = np.arange((LOG_P_AXIS[2] - 1) * nodes_per_row + 1) / nodes_per_row
+            weights = np.zeros((place.size, LOG_P_AXIS[2]))
+            for i, x in enumerate(place):
+                first, four, _ = _stencil(x, 0.0, LOG_P_AXIS[2] - 1.0, LOG_P_AXIS[2])
+                weights[i, first : first + 4] = four
+            self._refined[nodes_per_row] = np.tensordot(weights, self.values, axes=1)
+        return self._refined[nodes_per_row]
+
+    @cached_property
+    def mass_below(self) -> Array:
+        """P(u) du [n_p, n_u] of all smaller gaps."""
+        return np.cumsum(self.mass, axis=1) - self.mass
+
+    @cached_property
+    def _refined(self) -> dict[int, Array]:
+        return {}
 
 
 @lru_cache(maxsize=8)
@@ -131,35 +153,64 @@ def lookup(values: Array, p_hat: float, z_hat: complex, out: Array) -> bool:
     its limits hold: K ~ 1/|z| below (P is constant there), K ~ 1/|z|^2 and L ~ 1/z above. K(conj z) = K(z),
     L(conj z) = conj L(z).
     """
-    log_z, angle = 0.5 * log(z_hat.real**2 + z_hat.imag**2), atan2(z_hat.imag, z_hat.real)
     i, wp, inside = _stencil(np.log(p_hat), LOG_P_AXIS[0], LOG_P_AXIS[1], LOG_P_AXIS[2])
-    j, wz, _ = _stencil(log_z, LOG_Z_AXIS[0], LOG_Z_AXIS[1], LOG_Z_AXIS[2])
-    k, wa, _ = _stencil(abs(angle), ANGLE_AXIS[0], ANGLE_AXIS[1], ANGLE_AXIS[2])
+    log_z, angle, j, wz, k, wa = _length(z_hat)
     s0 = s1 = s2 = 0.0
     for a in range(4):
-        for b in range(4):
-            wab = wp[a] * wz[b]
-            for c in range(4):
-                w = wab * wa[c]
-                s0 += w * values[i + a, j + b, k + c, 0]
-                s1 += w * values[i + a, j + b, k + c, 1]
-                s2 += w * values[i + a, j + b, k + c, 2]
-    below, above = max(LOG_Z_AXIS[0] - log_z, 0.0), max(log_z - LOG_Z_AXIS[1], 0.0)
-    out[0] = np.exp(s0 + below - 2.0 * above)
-    out[1] = np.exp(s1 - above)
-    out[2] = s2 if angle >= 0.0 else -s2
+        r0, r1, r2 = _row(values, i + a, j, wz, k, wa)
+        s0, s1, s2 = s0 + wp[a] * r0, s1 + wp[a] * r1, s2 + wp[a] * r2
+    _exponentials(s0, s1, s2, log_z, angle, out)
     return inside
 
 
 @kernel
-def mass_at(p_hat: float) -> tuple[int, tuple[float, float, float, float]]:
+def lookup_row(values: Array, row: int, z_hat: complex, out: Array) -> None:
+    """The same at the pressure of one row of the table, or of the `refined` one."""
+    log_z, angle, j, wz, k, wa = _length(z_hat)
+    s0, s1, s2 = _row(values, row, j, wz, k, wa)
+    _exponentials(s0, s1, s2, log_z, angle, out)
+
+
+@kernel
+def _length(z_hat: complex) -> tuple[float, float, int, Four, int, Four]:
+    """Logarithm and angle of a length, and the four nodes around each."""
+    log_z, angle = 0.5 * log(z_hat.real**2 + z_hat.imag**2), atan2(z_hat.imag, z_hat.real)
+    j, wz, _ = _stencil(log_z, LOG_Z_AXIS[0], LOG_Z_AXIS[1], LOG_Z_AXIS[2])
+    k, wa, _ = _stencil(abs(angle), ANGLE_AXIS[0], ANGLE_AXIS[1], ANGLE_AXIS[2])
+    return log_z, angle, j, wz, k, wa
+
+
+@kernel
+def _row(values: Array, row: int, j: int, wz: Four, k: int, wa: Four) -> tuple[float, float, float]:
+    """The three logarithms at one pressure of the table."""
+    s0 = s1 = s2 = 0.0
+    for b in range(4):
+        for c in range(4):
+            w = wz[b] * wa[c]
+            s0 += w * values[row, j + b, k + c, 0]
+            s1 += w * values[row, j + b, k + c, 1]
+            s2 += w * values[row, j + b, k + c, 2]
+    return s0, s1, s2
+
+
+@kernel
+def _exponentials(s0: float, s1: float, s2: float, log_z: float, angle: float, out: Array) -> None:
+    """Out of the logarithms, beyond the table's lengths by its limits."""
+    below, above = max(LOG_Z_AXIS[0] - log_z, 0.0), max(log_z - LOG_Z_AXIS[1], 0.0)
+    out[0] = np.exp(s0 + below - 2.0 * above)
+    out[1] = np.exp(s1 - above)
+    out[2] = s2 if angle >= 0.0 else -s2
+
+
+@kernel
+def mass_at(p_hat: float) -> tuple[int, Four]:
     """First row of `GapTable.mass` and the weights of four rows that give the distribution at `p_hat`."""
     first, weights, _ = _stencil(np.log(p_hat), LOG_P_AXIS[0], LOG_P_AXIS[1], LOG_P_AXIS[2])
     return first, weights
 
 
 @kernel
-def _stencil(x: float, low: float, high: float, count: int) -> tuple[int, tuple[float, float, float, float], bool]:
+def _stencil(x: float, low: float, high: float, count: int) -> tuple[int, Four, bool]:
     """First node, four Lagrange weights, and whether `x` lies on the axis (to rounding)."""
     inside = low - 1e-9 <= x <= high + 1e-9
     position = (min(max(x, low), high) - low) / (high - low) * (count - 1)

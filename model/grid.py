@@ -10,34 +10,36 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.between import Between, between, fill_between
 from model.chain import PreparedTouch
-from model.compiled import inlined, kernel
+from model.compiled import inlined, kernel, span
 from model.contact import area_ratio
 from model.dielectrics import Array
 from model.gain_curves import (
+    KNOTS_AROUND,
     Family,
     GapSums,
     Integers,
     Nodes,
     Stack,
-    blend,
-    cap_gains,
     choose_knots,
-    copy_curve,
     fill_family,
-    first_gap,
+    keep_shares,
+    least_drive,
     make_family,
     make_gap_sums,
-    start_caps,
-    straighten,
+    mix,
+    sum_gaps,
     travel,
+    weigh_knots,
 )
 from model.gap_table import LOG_P_AXIS, GapTable
-from model.pressure import MAX_ITERATIONS, TOLERANCE
+from model.pressure import MAX_ITERATIONS, TOLERANCE, first_gap
 
 NODES_PER_ROW = 2  # of the table: pressures on a curve; of fourth order between them
 FOLD_STEPS = 2  # per pressure of a curve, at which the slope is looked at for a turn of V(p_e)
@@ -47,6 +49,25 @@ FEW_STEPS = 8  # in which Newton's method finds such an answer, if there is one
 
 Spacing = tuple[float, ...]  # 4 x 5, see `_to_series`
 Series = tuple[float, float, float, float, float]
+
+
+class Search(NamedTuple):
+    """Work arrays of the search for equilibria: curves at one voltage [j], fold and answer per load, see `_search`.
+
+    `weights` are those of `weigh_knots`, `share` [j] is what a cap leaves of the gain. `stored` [k]: the answers at the
+    voltages solved first, from which those after them start. `even` [v, 2n]: of each equilibrium 1/sqrt(gain), then one
+    over its admittance, which change most evenly with the voltage.
+    """
+
+    weights: Array
+    gain: Array
+    current: Array
+    share: Array
+    end: Array
+    end_gain: Array
+    answer: Array
+    stored: Array
+    even: Array
 
 
 @dataclass(frozen=True)
@@ -63,36 +84,41 @@ class GridSolution:
 
 
 def solve_grid(table: GapTable, touch: PreparedTouch, load_pa: Array) -> GridSolution:
-    """Every frequency and voltage of `touch`, of shape (f, v) with voltage rising, under every one of rising `load_pa`.
+    """Every frequency and voltage of `touch`, of shape (..., f, v) with voltage rising, under all of rising `load_pa`.
 
-    For touches without bias; their own loads are ignored.
+    For touches without bias and of one roughness; their own loads are ignored. Answers are [..., f, v, n].
     """
-    circuit = touch.circuit
-    square, crest, added, limit = (
-        x.reshape(touch.shape)
-        for x in (circuit.mean_square_v2, circuit.crest_square, circuit.added_pa, circuit.field_limit_v_per_m)
-    )
+    circuit, rows = touch.circuit, (-1, touch.shape[-1])
+    square, crest, added, limit, p_scale, shift = (
+        x.reshape(rows)
+        for x in (
+            circuit.mean_square_v2, circuit.crest_square, circuit.added_pa, circuit.field_limit_v_per_m,
+            circuit.pressure_scale_pa, circuit.gap_shift_m,
+        )
+    )  # fmt: skip
     h, k_gap, bypass, leak = (
-        x.reshape(touch.shape) for x in (circuit.h_m, circuit.k_gap, circuit.bypass_per_m, circuit.leak_per_m_pa)
+        x.reshape(rows) for x in (circuit.h_m, circuit.k_gap, circuit.bypass_per_m, circuit.leak_per_m_pa)
     )
-    stacks = Stack(h, k_gap, bypass, leak, circuit.gap_shift_m.reshape(touch.shape))
+    stacks, h_scale = Stack(h, k_gap, bypass, leak, shift), circuit.length_scale_m[0]
     p_hat = np.exp(np.linspace(*LOG_P_AXIS[:2], (LOG_P_AXIS[2] - 1) * NODES_PER_ROW + 1))
-    p_scale, h_scale = circuit.pressure_scale_pa[0], circuit.length_scale_m[0]
-    nodes = Nodes(p_hat * p_scale, 1.0 - area_ratio(table.shape, p_hat), table.values, p_scale, h_scale)
+    nodes = Nodes(
+        p_hat, np.empty_like(p_hat), 1.0 - area_ratio(table.shape, p_hat), table.refined(NODES_PER_ROW), h_scale
+    )
     least, most = added.min(axis=1), added.max(axis=1)
     place = travel(stacks, load_pa[0] + least, load_pa[-1] + most, h_scale)
     knots, counts = choose_knots(place)
     has_cap, most_knots = bool(np.isfinite(limit).any()), int(counts.max())
-    shape = (*touch.shape, load_pa.size)
+    shape = (*square.shape, load_pa.size)
     (pressure, admittance), pulled_in = np.empty((2, *shape)), np.zeros(shape, dtype=np.bool_)
-    q_node = np.sqrt(nodes.p)
     _solve_grid(
         stacks, nodes, make_family(most_knots, p_hat.size),
-        make_gap_sums(table.mass, p_hat if has_cap else p_hat[:0], most_knots), place, knots, counts, q_node,
-        1.0 / np.diff(q_node), _to_series(q_node), square, square.max(axis=1), crest * np.abs(square) / limit**2,
-        added, least, most, has_cap, load_pa, pressure, admittance, pulled_in,
+        make_gap_sums(table.mass, p_hat if has_cap else p_hat[:0], most_knots), place, knots, counts,
+        _to_series(np.sqrt(p_hat)), between(touch.shape[-1]), square, square.max(axis=1),
+        crest * np.abs(square) / limit**2, added, least, most, p_scale[:, 0], has_cap, load_pa, pressure, admittance,
+        pulled_in,
     )  # fmt: skip
-    return GridSolution(pressure, admittance, pulled_in)
+    whole = (*touch.shape, load_pa.size)
+    return GridSolution(pressure.reshape(whole), admittance.reshape(whole), pulled_in.reshape(whole))
 
 
 def _to_series(q_node: Array) -> Spacing:
@@ -108,72 +134,107 @@ def _to_series(q_node: Array) -> Spacing:
 @kernel
 def _solve_grid(
     stacks: Stack, nodes: Nodes, family: Family, sums: GapSums, place: Array, knots: Integers, counts: Integers,
-    q_node: Array, per_q: Array, spacing: Spacing, square: Array, most_square: Array, crest_square: Array, added: Array,
-    least: Array, most: Array, has_cap: bool, load: Array, pressure: Array, admittance: Array,
+    spacing: Spacing, way: Between, square: Array, most_square: Array, crest_square: Array, added: Array, least: Array,
+    most: Array, p_scale: Array, has_cap: bool, load: Array, pressure: Array, admittance: Array,
     pulled_in: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Per frequency: its curves, then every voltage and load on them.
+    """Per frequency: its curves, some voltages under every load, the voltages between, and from gains to pressures.
 
     `crest_square` [f, v]: (peak voltage over the field's cap)^2, m^2; `least` and `most` [f] of the pressure `added`.
     """
+    q_node, per_q, scale = np.empty(nodes.p.size), np.empty(nodes.p.size - 1), 0.0
+    search = _make_search(q_node.size, way.solved.size, square.shape[1], load.size)
+    even, rough = search.even, np.empty(square.shape[1], dtype=np.int64)
+    missed = np.empty(way.miss.shape[0])
     for i in range(square.shape[0]):
+        if p_scale[i] != scale:
+            scale = p_scale[i]
+            _lay_nodes(nodes, scale, q_node, per_q)
         first = _node_below(q_node, math.sqrt(load[0] + least[i]))
         last = fill_family(stacks, i, knots, counts[i], nodes, first, most_square[i], load[-1] + most[i], family)
         met, start = np.inf, 0
         if has_cap:
-            met = start_caps(family.z, family.openness, counts[i], first, last, sums.per_whole, sums.step)
-            start = first_gap(family.z[0, last])  # the shortest: pressure widens the leak
-        _solve_frequency(
-            family, sums, place[i], knots[i], counts[i], q_node, per_q, spacing, first, last, square[i],
-            crest_square[i], added[i], least[i], has_cap, met, start, load, pressure[i], admittance[i], pulled_in[i],
-        )  # fmt: skip
+            x, y_square = family.x, family.y_square
+            met = least_drive(x, y_square, family.openness, counts[i], first, last)
+            start = first_gap(x[0, last], y_square[0, last])  # of the shortest length: pressure widens the leak
+            for k in range(counts[i] if crest_square[i].max() > met else 0):
+                sum_gaps(
+                    x, y_square, sums.gap, sums.mass, sums.mass_below, sums.lost, sums.per_whole, sums.reach, k, first,
+                    last, start,
+                )  # fmt: skip
+        voltages = way.solved
+        for attempt in range(2):
+            _solve_frequency(
+                family, sums, search, place[i], knots[i], counts[i], q_node, per_q, spacing, first, last, voltages,
+                way.number, square[i], crest_square[i], added[i], least[i], has_cap, met, start, load, pulled_in[i],
+            )  # fmt: skip
+            if attempt == 0:
+                voltages = rough[: fill_between(way, even, missed, rough)]
+        for v in range(square.shape[1]):
+            for n in range(load.size):
+                pressure[i, v, n] = square[i, v] / (even[v, n] * even[v, n])
+                admittance[i, v, n] = 1.0 / even[v, load.size + n]
+
+
+@kernel
+def _lay_nodes(nodes: Nodes, p_scale: float, q_node: Array, per_q: Array) -> None:
+    """Pressures of the curves and their roots q, and one over the distance to the next."""
+    for j in range(q_node.size):
+        nodes.p[j] = nodes.p_hat[j] * p_scale
+        q_node[j] = math.sqrt(nodes.p[j])
+    for j in range(per_q.size):
+        per_q[j] = 1.0 / (q_node[j + 1] - q_node[j])
 
 
 @kernel
 def _solve_frequency(  # noqa: PLR0912, PLR0915 (one visible algorithm)
-    family: Family, sums: GapSums, place: Array, knots: Integers, count: int, q_node: Array, per_q: Array,
-    spacing: Spacing, first: int, last: int, square: Array, crest_square: Array, added: Array, least: float,
-    has_cap: bool, met: float, start: int, load: Array, pressure: Array, admittance: Array,
+    family: Family, sums: GapSums, search: Search, place: Array, knots: Integers, count: int, q_node: Array,
+    per_q: Array, spacing: Spacing, first: int, last: int, voltages: Integers, number: Integers, square: Array,
+    crest_square: Array, added: Array, least: float, has_cap: bool, met: float, start: int, load: Array,
     pulled_in: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """<V^2>(p_e) = <V^2> at one frequency, inverted by Newton's method within the rising part.
+    """<V^2>(p_e) = <V^2> at some `voltages` of one frequency, inverted by Newton's method within the rising part.
 
-    The cap is met where `crest_square` [v] is above `met`, in gaps from number `start` on.
+    `number` [v]: which of those solved first a voltage is, or -1. The cap is met where `crest_square` [v] is above
+    `met`, in gaps from number `start` on.
     """
-    gain, current = np.empty(q_node.size), np.empty(q_node.size)
-    end, end_gain, answer = np.empty(load.size), np.empty(load.size), np.empty((load.size, 7))
-    gains, admittances, straight, capped, lengths, openness = family  # numba counts references whenever a record's
-    gap, mass, mass_below, per_whole, reach, lost, step = sums  # array is named: so not in the loops
+    weights, gain, current, share, end, end_gain, answer, stored, even = search
+    straight, admittances, kept, x, y_square, openness = family  # numba counts references whenever a record's
+    gap, mass, mass_below, lost, per_whole, reach = sums  # array is named: so not in the loops
     p_low, p_high = q_node[0] ** 2, q_node[-1] ** 2
     steady, was_capped = count == 1 and not has_cap, False
-    answer[:, 0] = -1.0
-    if count == 1:
-        copy_curve(admittances, first, last, current)
-    for v in range(square.size):
-        is_capped = has_cap and (crest_square[v] > met or count > 1)
-        low, high, fresh = first, last, v > 0 and count == 1 and not is_capped and not was_capped
+    for turn in range(voltages.size):
+        v = voltages[turn]
+        if v == 0:
+            answer[:, 0] = -1.0
+        elif number[v - 1] >= 0:
+            answer[:] = stored[number[v - 1]]
+        is_capped = has_cap and crest_square[v] > met
+        low, high, fresh = first, last, turn > 0 and count == 1 and not is_capped and not was_capped
         was_capped = is_capped
         if not fresh and (is_capped or count > 1):
             low, high = _needed(answer, first, last)
         n, alone = 0, -1
         while n < load.size:
             if not fresh:
+                near, end_of_near = weigh_knots(place, knots, count, v, weights)
+                mix(admittances, weights, near, end_of_near, low, high, current)
+                mix(straight, weights, near, end_of_near, low, high, gain)
+                for j in span(low, high + 1):
+                    gain[j] = 1.0 / (gain[j] * gain[j])
                 if is_capped:
-                    for k in range(count):
-                        cap_gains(
-                            gains, lengths, openness, mass, mass_below, gap, per_whole, reach, lost, step, k, start,
-                            crest_square[v], low, high, capped,
+                    for k in range(near, end_of_near):
+                        keep_shares(
+                            x, y_square, openness, gap, mass, mass_below, lost, per_whole, reach, k, start,
+                            crest_square[v], low, high, kept,
                         )  # fmt: skip
-                    if count > 1:
-                        straighten(capped, count, low, high, straight)
-                if count > 1:
-                    blend(place, knots, count, v, low, high, straight, admittances, gain, current)
-                else:
-                    copy_curve(capped if is_capped else gains, low, high, gain)
+                    mix(kept, weights, near, end_of_near, low, high, share)
+                    for j in span(low, high + 1):
+                        gain[j] *= share[j]
                 fresh = True
             base, before = load[n] + added[v], answer[n, 0]
             if alone != n:
-                pressure[v, n] = admittance[v, n] = np.nan
+                even[v, n] = even[v, load.size + n] = np.nan
             if not p_low <= base < p_high:
                 n += 1
                 continue
@@ -199,10 +260,21 @@ def _solve_frequency(  # noqa: PLR0912, PLR0915 (one visible algorithm)
                 alone, fresh = n, low == first and high == last
                 low, high = first, last
                 continue
-            pressure[v, n] = square[v] * answer[n, 3]
+            even[v, n] = 1.0 / math.sqrt(answer[n, 3])
             j = _stencil(int(answer[n, 6]), first, last)
-            admittance[v, n] = _at(_series(spacing, current, j), (answer[n, 0] - q_node[j]) * per_q[j])[0]
+            even[v, load.size + n] = 1.0 / _at(_series(spacing, current, j), (answer[n, 0] - q_node[j]) * per_q[j])[0]
             n += 1
+        if number[v] >= 0:
+            stored[number[v]] = answer
+
+
+@kernel
+def _make_search(pressures: int, stored: int, voltages: int, loads: int) -> Search:
+    """Empty work arrays."""
+    return Search(
+        np.empty(KNOTS_AROUND), np.empty(pressures), np.empty(pressures), np.empty(pressures), np.empty(loads),
+        np.empty(loads), np.empty((loads, 7)), np.empty((stored, loads, 7)), np.empty((voltages, 2 * loads)),
+    )  # fmt: skip
 
 
 @kernel

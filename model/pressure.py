@@ -6,17 +6,19 @@ which raises the pressure. `solve` finds the lowest equilibrium of arbitrary con
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from model.compiled import kernel, kernel_of_sums
+from model.compiled import kernel, kernel_of_sums, span
 from model.dielectrics import EPS0, Array, ComplexArray
-from model.gap_table import LOG_P_AXIS, LOG_U_AXIS, GapTable, gap_nodes, lookup, mass_at
+from model.gap_table import LOG_P_AXIS, LOG_U_AXIS, Four, GapTable, gap_nodes, lookup, mass_at
 
 TOLERANCE = 1e-10
 MAX_ITERATIONS = 200
 MOST_GROWTH = 1.15  # of the pressure per step while no equilibrium has been bracketed
+NARROW = 1e-4  # of the stack's length: in narrower gaps the field is that of none, and they carry about 1 % of K^
 
 
 @dataclass(frozen=True)
@@ -47,49 +49,84 @@ def solve(table: GapTable, circuit: GapCircuit) -> Array:
     """Electrostatic pressure in Pa of each touch [n]; NaN where no equilibrium exists (pull-in)."""
     result = np.empty_like(circuit.load_pa)
     _solve(
-        table.values, table.mass, gap_nodes(), circuit.pressure_scale_pa, circuit.length_scale_m, circuit.h_m,
-        circuit.k_gap, circuit.bypass_per_m, circuit.leak_per_m_pa, circuit.mean_square_v2, circuit.crest_square,
-        circuit.gap_shift_m, circuit.load_pa, circuit.added_pa, circuit.field_limit_v_per_m, result,
+        table.values, table.mass, table.mass_below, gap_nodes(), circuit.pressure_scale_pa, circuit.length_scale_m,
+        circuit.h_m, circuit.k_gap, circuit.bypass_per_m, circuit.leak_per_m_pa, circuit.mean_square_v2,
+        circuit.crest_square, circuit.gap_shift_m, circuit.load_pa, circuit.added_pa, circuit.field_limit_v_per_m,
+        result,
     )  # fmt: skip
     return result
 
 
 @kernel
-def _gain(
-    values: Array, p_scale: float, h_scale: float, h: complex, k_gap: complex, beta: complex, shift: float,
-    p: float, out: Array,
-) -> float:  # fmt: skip
-    """(eps0/2) K(p, z)/|a|^2: pressure per mean square volt at the total pressure p."""
+def divider(
+    h: complex, k_gap: complex, bypass: complex, leak: complex, shift: float, p: float
+) -> tuple[complex, complex, complex]:
+    """The stack at the total pressure `p`: leak beside the gap beta, 1/a with a = 1 + beta h, and its length z.
+
+    The division is written out: numba's complex one guards against the ends of floating point, at a cost.
+    """
+    beta = bypass + leak * p
     a = 1.0 + beta * h
-    lookup(values, p / p_scale, (k_gap * h / a + shift) / h_scale, out)
-    return float(0.5 * EPS0 * out[0] / (h_scale * abs(a)) ** 2)
+    per_square = 1.0 / (a.real * a.real + a.imag * a.imag)
+    per_a = complex(per_square * a.real, -per_square * a.imag)
+    return beta, per_a, k_gap * h * per_a + shift
+
+
+@kernel
+def first_gap(x: float, y_square: float) -> int:
+    """The first gap that is not narrow beside the length z = x + iy."""
+    return max(_node_of(NARROW * math.sqrt(x * x + y_square)), 1)
+
+
+@kernel
+def _node_of(gap: float) -> int:
+    """The node at or below a gap."""
+    return int((math.log(gap) - LOG_U_AXIS[0]) / LOG_U_AXIS[2])
+
+
+@kernel
+def _kept_share(mass: Array, mass_below: Array, gap: Array, p_hat: float, z_hat: complex, closest: float) -> float:
+    """Share of K^ that a cap on the local field leaves; `closest` is |u + z| at which the field meets it, per h_rms."""
+    x, y_square, closest_square = z_hat.real, z_hat.imag * z_hat.imag, closest * closest
+    if closest_square <= x * x + y_square:
+        return 1.0
+    start = first_gap(x, y_square)
+    if closest_square <= (gap[start] + x) ** 2 + y_square:
+        return 1.0
+    reach = start + 1  # and beyond: to where the rounding of the next line leaves no doubt
+    reach = max(reach, min(_node_of(math.sqrt(closest_square - y_square) - x) - 1, gap.size - 1))
+    while reach < gap.size - 1 and (gap[reach] + x) ** 2 + y_square < closest_square:
+        reach += 1
+    row, weights = mass_at(p_hat)
+    lost = _between(mass_below, start, row, weights) / (x * x + y_square)
+    lost += _sum_gaps(mass, gap, row, weights, x, y_square, start, reach)
+    rest = _sum_gaps(mass, gap, row, weights, x, y_square, reach, gap.size)
+    below, above = (gap[reach - 1] + x) ** 2 + y_square, (gap[reach] + x) ** 2 + y_square
+    jump_below = jump_of_slope(gap[reach - 1], _between(mass, reach - 1, row, weights), x)
+    jump_above = jump_of_slope(gap[reach], _between(mass, reach, row, weights), x)
+    edge = edge_of_cap((closest_square - below) / (above - below), jump_below, jump_above)
+    held = (_between(mass_below, reach, row, weights) + edge / closest_square) / closest_square
+    return float((held + rest) / (lost + rest))
+
+
+@kernel
+def _between(values: Array, m: int, row: int, weights: Four) -> float:
+    """A column of the table at a pressure between its rows."""
+    w0, w1, w2, w3 = weights
+    return float(w0 * values[row, m] + w1 * values[row + 1, m] + w2 * values[row + 2, m] + w3 * values[row + 3, m])
 
 
 @kernel_of_sums
-def _kept_share(mass: Array, u: Array, p_hat: float, z_hat: complex, closest: float, at_p: Array) -> float:
-    """Share of K^ that a cap on the local field leaves; `closest` is |u + z| at which the field meets it, per h_rms.
-
-    `at_p` [u] is left holding P(u) du under this pressure.
-    """
-    row, weights = mass_at(p_hat)
+def _sum_gaps(
+    mass: Array, gap: Array, row: int, weights: Four, x: float, y_square: float, start: int, end: int
+) -> float:
+    """K^ of the gaps from `start` to before `end`."""
     w0, w1, w2, w3 = weights
-    for i in range(u.size):
-        at_p[i] = w0 * mass[row, i] + w1 * mass[row + 1, i] + w2 * mass[row + 2, i] + w3 * mass[row + 3, i]
-    closest_square = closest * closest
-    kept = whole = 0.0
-    reach = 0
-    for i in range(u.size):
-        square_distance = (u[i] + z_hat.real) ** 2 + z_hat.imag**2
-        whole += at_p[i] / square_distance
-        kept += at_p[i] / max(square_distance, closest_square)
-        reach += square_distance < closest_square
-    if 0 < reach < u.size:
-        i = reach
-        below, above = (u[i - 1] + z_hat.real) ** 2 + z_hat.imag**2, (u[i] + z_hat.real) ** 2 + z_hat.imag**2
-        t = (closest_square - below) / (above - below)
-        jumps = jump_of_slope(u[i - 1], at_p[i - 1], z_hat.real), jump_of_slope(u[i], at_p[i], z_hat.real)
-        kept += edge_of_cap(t, jumps[0], jumps[1]) / (closest_square * closest_square)
-    return kept / whole
+    total = 0.0
+    for m in span(start, end):
+        here = w0 * mass[row, m] + w1 * mass[row + 1, m] + w2 * mass[row + 2, m] + w3 * mass[row + 3, m]
+        total += here / ((gap[m] + x) ** 2 + y_square)
+    return total
 
 
 @kernel
@@ -110,15 +147,15 @@ def jump_of_slope(u: float, mass: float, z_real: float) -> float:
 
 @kernel
 def _solve(  # noqa: PLR0912 (one visible algorithm)
-    values: Array, mass: Array, u: Array, p_scale: Array, h_scale: Array, h: ComplexArray, k_gap: ComplexArray,
-    bypass: ComplexArray, leak: ComplexArray, mean_square: Array, crest: Array, shift: Array, load: Array, added: Array,
-    field_limit: Array, result: Array,
+    values: Array, mass: Array, mass_below: Array, gap: Array, p_scale: Array, h_scale: Array, h: ComplexArray,
+    k_gap: ComplexArray, bypass: ComplexArray, leak: ComplexArray, mean_square: Array, crest: Array, shift: Array,
+    load: Array, added: Array, field_limit: Array, result: Array,
 ) -> None:  # fmt: skip
     """Marching up from the unattracted contact in bounded steps, so that the lowest equilibrium is the one bracketed.
 
     The share of the drive that each pressure needs must rise on the way; where it turns back, the contact pulls in.
     """
-    out, at_p = np.empty(3), np.empty(u.size)
+    out = np.empty(3)
     for i in range(load.size):
         base = load[i] + added[i]
         p_min, p_max = p_scale[i] * np.exp(LOG_P_AXIS[0]), p_scale[i] * np.exp(LOG_P_AXIS[1])
@@ -130,13 +167,13 @@ def _solve(  # noqa: PLR0912 (one visible algorithm)
             attraction = 0.0
             for c in range(mean_square.shape[1]):
                 if mean_square[i, c] != 0.0:
-                    beta = bypass[i, c] + leak[i, c] * p
-                    gain = _gain(values, p_scale[i], h_scale[i], h[i, c], k_gap[i, c], beta, shift[i], p, out)
+                    _, per_a, z = divider(h[i, c], k_gap[i, c], bypass[i, c], leak[i, c], shift[i], p)
+                    z_hat, field = z / h_scale[i], abs(per_a) / h_scale[i]
+                    lookup(values, p / p_scale[i], z_hat, out)
+                    gain = 0.5 * EPS0 * out[0] * field * field
                     if field_limit[i] < np.inf:
-                        a = 1.0 + beta * h[i, c]
-                        z_hat = (k_gap[i, c] * h[i, c] / a + shift[i]) / h_scale[i]
-                        amplitude = np.sqrt(crest[i, c] * abs(mean_square[i, c])) / (abs(a) * h_scale[i])
-                        gain *= _kept_share(mass, u, p / p_scale[i], z_hat, amplitude / field_limit[i], at_p)
+                        closest = math.sqrt(crest[i, c] * abs(mean_square[i, c])) * field / field_limit[i]
+                        gain *= _kept_share(mass, mass_below, gap, p / p_scale[i], z_hat, closest)
                     attraction += mean_square[i, c] * gain
             excess = base + attraction - p
             if abs(excess) <= TOLERANCE * p:

@@ -16,7 +16,7 @@ from model.effects.base import SPEED_REFERENCE_M_S
 from model.errors import ModelError, nearest
 from model.gap_table import GapTable, gap_table
 from model.roughness import SelfAffineShape
-from model.touch import Attraction, Drive
+from model.touch import Attraction, Drive, Friction, Values
 
 WAVEFORMS = ("sine", "square", "dc")
 MEAN_SQUARE = {"sine": 0.5, "square": 1.0, "dc": 1.0}  # of a waveform of amplitude 1 V
@@ -161,6 +161,50 @@ class TouchModel:
         if self.description.is_published:
             return self._surface_point_by_point(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s)
         p = self.description.values
+        drive, touch = self._grid(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s)
+        load_pa = normal_force_n / p.contact_area_m2
+        solution = grid.solve_grid(self.table, touch, load_pa)
+        omega, rms_v = (x.reshape(touch.shape)[:, :, None] for x in (touch.omega, touch.rms_v))
+        within_theory = solution.electrostatic_pressure_pa <= THEORY_PRESSURE_RATIO * load_pa
+        force, amperes = solution.electrostatic_pressure_pa, solution.admittance_per_m
+        force *= p.contact_area_m2  # in place: fresh memory for a whole surface costs as much as the arithmetic
+        amperes *= EPS0 * p.contact_area_m2 * omega * rms_v
+        stuck = current.stuck_current_per_v(touch.circuit.h_m, touch.omega).reshape(touch.shape)
+        answer = SurfaceSolution(
+            electrostatic_force_n=force,
+            cof=self._grid_cof(touch, force, normal_force_n),
+            current_rms_a=amperes,
+            stuck_current_rms_a=p.contact_area_m2 * stuck * rms_v[:, :, 0],
+            pulled_in=solution.pulled_in,
+            within_theory=within_theory,
+        )
+        if _attracts_undriven(drive, touch):  # the frequency is ignored: one answer for all of them
+            rest = self._undriven(normal_force_n, np.full(1, speed_m_s), time_s)
+            answer.electrostatic_force_n[:, 0] = rest.electrostatic_force_n
+            answer.cof[:, 0] = rest.cof
+            answer.current_rms_a[:, 0] = answer.stuck_current_rms_a[:, :1] = 0.0
+            answer.pulled_in[:, 0] = ~np.isfinite(rest.electrostatic_force_n)
+            answer.within_theory[:, 0] = rest.within_theory
+        return answer
+
+    def cof_at_speeds(self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: Array) -> Array:
+        """Friction [s, f, v, n] of a `surface` at each speed [s] and time 0, solved at once."""
+        if self.description.is_published:
+            return np.stack([self.surface(frequency_hz, voltage_v, normal_force_n, s).cof for s in speed_m_s.tolist()])
+        p = self.description.values
+        drive, touch = self._grid(frequency_hz, voltage_v, normal_force_n, speed_m_s[:, None, None], 0.0)
+        force = grid.solve_grid(self.table, touch, normal_force_n / p.contact_area_m2).electrostatic_pressure_pa
+        force *= p.contact_area_m2
+        shape = speed_m_s.size, frequency_hz.size, voltage_v.size, normal_force_n.size
+        cof = np.array(np.broadcast_to(self._grid_cof(touch, force, normal_force_n), shape))
+        if _attracts_undriven(drive, touch):
+            cof[:, :, 0] = self._undriven(normal_force_n, speed_m_s, 0.0).cof.reshape(speed_m_s.size, 1, -1)
+        return cof
+
+    def _grid(
+        self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: Values, time_s: float
+    ) -> tuple[Drive, PreparedTouch]:
+        """Every frequency and voltage by a sine, after further axes of speed, ready for `solve_grid`."""
         drive = Drive(
             frequency_hz=frequency_hz[:, None],
             voltage_v=voltage_v[None, :],
@@ -170,41 +214,21 @@ class TouchModel:
             speed_m_s=speed_m_s,
             time_s=time_s,
         )
-        touch = prepare(p, self.description.dielectric, self.description.effects, drive)
-        load_pa = normal_force_n / p.contact_area_m2
-        solution = grid.solve_grid(self.table, touch, load_pa)
-        omega, rms_v, added_pa = (
-            x.reshape(touch.shape)[:, :, None] for x in (touch.omega, touch.rms_v, touch.circuit.added_pa)
-        )
-        within_theory = solution.electrostatic_pressure_pa <= THEORY_PRESSURE_RATIO * load_pa
-        force, amperes = solution.electrostatic_pressure_pa, solution.admittance_per_m
-        force *= p.contact_area_m2  # in place: fresh memory for a whole surface costs as much as the arithmetic
-        amperes *= EPS0 * p.contact_area_m2 * omega * rms_v
-        attraction = force + added_pa * p.contact_area_m2 if added_pa.any() else force
-        stuck = current.stuck_current_per_v(touch.circuit.h_m, touch.omega).reshape(touch.shape)
-        answer = SurfaceSolution(
-            electrostatic_force_n=force,
-            cof=friction.cof(self.description.friction_law, p.cof_off, attraction, normal_force_n, touch.friction),
-            current_rms_a=amperes,
-            stuck_current_rms_a=p.contact_area_m2 * stuck * rms_v[:, :, 0],
-            pulled_in=solution.pulled_in,
-            within_theory=within_theory,
-        )
-        if np.any((drive.voltage_v == 0.0) & (touch.circuit.mean_square_v2.reshape(touch.shape) != 0.0)):
-            self._fill_in_undriven(answer, normal_force_n, speed_m_s, time_s)
-        return answer
+        return drive, prepare(self.description.values, self.description.dielectric, self.description.effects, drive)
 
-    def _fill_in_undriven(
-        self, answer: SurfaceSolution, normal_force_n: Array, speed_m_s: float, time_s: float
-    ) -> None:
-        """Where something attracts without voltage, the frequency is ignored: one answer for all of them."""
-        zero = np.zeros_like(normal_force_n)
-        rest = self.predict(Conditions(zero, zero, normal_force_n, speed_m_s=zero + speed_m_s, time_s=zero + time_s))
-        answer.electrostatic_force_n[:, 0] = rest.electrostatic_force_n
-        answer.cof[:, 0] = rest.cof
-        answer.current_rms_a[:, 0] = answer.stuck_current_rms_a[:, :1] = 0.0
-        answer.pulled_in[:, 0] = ~np.isfinite(rest.electrostatic_force_n)
-        answer.within_theory[:, 0] = rest.within_theory
+    def _grid_cof(self, touch: PreparedTouch, force_n: Array, normal_force_n: Array) -> Array:
+        """Friction [..., n] from force, with the attraction that is not electrostatic."""
+        p, added_pa = self.description.values, touch.circuit.added_pa
+        if added_pa.any():
+            force_n = force_n + added_pa.reshape(touch.shape)[..., None] * p.contact_area_m2
+        laws = Friction(*(np.asarray(value)[..., None] for value in vars(touch.friction).values()))
+        return friction.cof(self.description.friction_law, p.cof_off, force_n, normal_force_n, laws)
+
+    def _undriven(self, normal_force_n: Array, speed_m_s: Array, time_s: float) -> Prediction:
+        """Without voltage, for every speed and load."""
+        speed, load = (x.ravel() for x in np.meshgrid(speed_m_s, normal_force_n, indexing="ij"))
+        zero = np.zeros_like(load)
+        return self.predict(Conditions(zero, zero, load, speed_m_s=speed, time_s=zero + time_s))
 
     def _surface_point_by_point(
         self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: float, time_s: float
@@ -223,6 +247,12 @@ class TouchModel:
             pulled_in=~np.isfinite(cof),
             within_theory=found.within_theory.reshape(shape),
         )
+
+
+def _attracts_undriven(drive: Drive, touch: PreparedTouch) -> bool:
+    """Whether something attracts where no voltage is applied."""
+    square = touch.circuit.mean_square_v2.reshape(touch.shape)
+    return bool(np.any((drive.voltage_v == 0.0) & (square != 0.0)))
 
 
 def _check(

@@ -74,11 +74,27 @@ def test_only_what_bends_with_voltage_needs_more_than_one_curve(with_effect, kin
 
 
 @pytest.mark.parametrize("deviations", [1.0, 0.0, -1.0])
-@pytest.mark.parametrize("name", sorted(BENDING))
-def test_between_the_knots_a_surface_follows_what_bends(fresh_tables, models, name: str, deviations: float) -> None:
-    """Many voltages, of which few are knots, from where the effect is weak to where it is strong."""
-    values = {p.name: Parameter(float(p.from_normal(deviations)), p.unit, "") for p in BY_NAME[name].parameters()}
-    model = fresh_tables(TouchModel(replace(models["reference"].description, effect_parameters={name: values})))
+@pytest.mark.parametrize("kind", CATALOGUE, ids=lambda kind: kind.name)
+def test_between_solved_voltages_and_knots_a_surface_follows_every_effect(
+    fresh_tables, models, kind, deviations: float
+) -> None:
+    """Many voltages, of which few are solved or knots, from where the effect is weak to where it is strong."""
+    values = {p.name: Parameter(float(p.from_normal(deviations)), p.unit, "") for p in kind.parameters()}
+    model = fresh_tables(TouchModel(replace(models["reference"].description, effect_parameters={kind.name: values})))
+    follow_single_conditions(model)
+
+
+def test_a_surface_follows_stack_and_field_that_bend_together(fresh_tables, models) -> None:
+    values = {
+        name: {p.name: Parameter(float(p.from_normal(0.5)), p.unit, "") for p in BY_NAME[name].parameters()}
+        for name in BENDING
+    }
+    follow_single_conditions(
+        fresh_tables(TouchModel(replace(models["reference"].description, effect_parameters=values)))
+    )
+
+
+def follow_single_conditions(model: TouchModel) -> None:
     f, v = np.geomspace(1.0, 1e6, 4), np.linspace(0.0, 150.0, 64)
     surface = model.surface(f, v, N)
     single = model.predict(Conditions(*(x.ravel() for x in np.meshgrid(f, v, N, indexing="ij"))))
@@ -87,6 +103,15 @@ def test_between_the_knots_a_surface_follows_what_bends(fresh_tables, models, na
         np.testing.assert_array_equal(np.isnan(got), np.isnan(expected))
         # a twentieth of what references may differ; the force of a few volts is a small difference of pressures
         np.testing.assert_allclose(got, expected, rtol=2e-4, atol=1e-9)
+    np.testing.assert_array_equal(surface.within_theory.ravel(), single.within_theory)
+
+
+@pytest.mark.parametrize("kind", CATALOGUE, ids=lambda kind: kind.name)
+def test_speeds_at_once_are_the_surfaces_of_each(with_effect, kind) -> None:
+    model, speed = with_effect(kind), np.array([0.0, 0.003, 0.02, 0.4])
+    at_once = model.cof_at_speeds(F, V, N, speed)
+    for got, s in zip(at_once, speed, strict=True):
+        np.testing.assert_allclose(got, model.surface(F, V, N, speed_m_s=float(s)).cof, rtol=1e-12)  # rounding
 
 
 def test_a_cap_bends_the_force_without_steps(models, fresh_tables) -> None:

@@ -202,6 +202,19 @@ class TestMadeUpContact:
             np.testing.assert_array_equal(grid.pulled_in[0, :, 0], [False, False, True])
             np.testing.assert_array_equal(np.isnan(grid.electrostatic_pressure_pa[0, :, 0]), [False, False, True])
 
+    @pytest.mark.parametrize("at", [0.55, 0.8, 0.99])  # of the highest voltage
+    def test_voltages_between_solved_ones_pull_in_where_the_turn_is(self, at: float) -> None:
+        """A voltage axis on which the lower root ends at a square-root edge, between any two voltages."""
+        p0, voltage = 1e-2, np.linspace(0.0, 1.0, 128)
+        b = (voltage / at) ** 2 / (4.0 * p0)
+        lower = np.where(
+            voltage < at, (1.0 - np.sqrt(np.maximum(1.0 - 4.0 * b * p0, 0.0))) / (2.0 * b + 1e-30) - p0, np.nan
+        )
+        grid = self.grid(lambda x: 2.0 * x, b / (0.5 * EPS0), p0)
+        # a few volts from the edge the loop's 1e-10 is more of p_e, and the smooth ones' quartic 1e-5 of it
+        np.testing.assert_allclose(grid.electrostatic_pressure_pa[0, 1:, 0], lower[1:], rtol=3e-5)
+        np.testing.assert_array_equal(grid.pulled_in[0, :, 0], voltage > at)
+
     @staticmethod
     def lowest(log_k, mean_square: float, load: float) -> float:
         p = np.exp(np.linspace(np.log(load), LOG_P_AXIS[1], 200_001))
