@@ -17,7 +17,7 @@ from model.gain_curves import Integers
 
 STRIDE = 4  # voltages from one solved first to the next
 AROUND = 5  # solved voltages around a place: a quartic
-SMOOTH = 1e-4  # of an answer: what a cubic through four of five may miss at the middle one; a quartic misses far less
+SMOOTH = 5e-5  # of an answer: what a cubic through four of five may miss at the middle one; a quartic misses far less
 
 
 class Between(NamedTuple):
@@ -68,9 +68,9 @@ def _lagrange(nodes: Integers, x: Integers) -> Array:
 
 @kernel
 def fill_between(way: Between, values: Array, missed: Array, rough: Integers) -> int:
-    """Fill in the smooth `values` [v, c]; voltages where a column is not smooth are listed in `rough`, and counted.
+    """Fill in the `values` [v, c]; voltages where a column is not smooth are listed in `rough`, and counted.
 
-    What is not a number is not smooth. `missed` [k] is a work array.
+    What is not a number is not smooth. Rough values are guesses. `missed` [k] is a work array.
     """
     solved, _, start, other, weight, miss = way
     count, columns = 0, values.shape[1]
@@ -89,17 +89,15 @@ def fill_between(way: Between, values: Array, missed: Array, rough: Integers) ->
         most = max(missed[w], missed[other[k]])  # a kink may hide from one five, not from two
         if k == 0 or high == values.shape[0] - 1:
             most *= 6.0  # the value at an end counts for a sixth in the middle, but whole beside it
-        if most <= SMOOTH:
-            v0, v1, v2, v3, v4 = solved[w], solved[w + 1], solved[w + 2], solved[w + 3], solved[w + 4]
-            for v in range(low + 1, high):
-                w0, w1, w2, w3, w4 = weight[v, 0], weight[v, 1], weight[v, 2], weight[v, 3], weight[v, 4]
-                for c in range(columns):
-                    values[v, c] = (
-                        w0 * values[v0, c] + w1 * values[v1, c] + w2 * values[v2, c]
-                        + w3 * values[v3, c] + w4 * values[v4, c]
-                    )  # fmt: skip
-        else:
-            for v in range(low + 1, high):
+        v0, v1, v2, v3, v4 = solved[w], solved[w + 1], solved[w + 2], solved[w + 3], solved[w + 4]
+        for v in range(low + 1, high):
+            w0, w1, w2, w3, w4 = weight[v, 0], weight[v, 1], weight[v, 2], weight[v, 3], weight[v, 4]
+            for c in range(columns):
+                values[v, c] = (
+                    w0 * values[v0, c] + w1 * values[v1, c] + w2 * values[v2, c]
+                    + w3 * values[v3, c] + w4 * values[v4, c]
+                )  # fmt: skip
+            if not most <= SMOOTH:
                 rough[count] = v
                 count += 1
     return count

@@ -184,12 +184,13 @@ def _length(z_hat: complex) -> tuple[float, float, int, Four, int, Four]:
 def _row(values: Array, row: int, j: int, wz: Four, k: int, wa: Four) -> tuple[float, float, float]:
     """The three logarithms at one pressure of the table."""
     s0 = s1 = s2 = 0.0
+    at_p, at_z, at_angle = np.uintp(row), np.uintp(j), np.uintp(k)  # unsigned as in `span`
     for b in range(4):
         for c in range(4):
-            w = wz[b] * wa[c]
-            s0 += w * values[row, j + b, k + c, 0]
-            s1 += w * values[row, j + b, k + c, 1]
-            s2 += w * values[row, j + b, k + c, 2]
+            w, m, n = wz[b] * wa[c], at_z + np.uintp(b), at_angle + np.uintp(c)
+            s0 += w * values[at_p, m, n, 0]
+            s1 += w * values[at_p, m, n, 1]
+            s2 += w * values[at_p, m, n, 2]
     return s0, s1, s2
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.compiled import kernel, kernel_of_sums, span
+from model.compiled import inlined, kernel, kernel_of_sums, span
 from model.dielectrics import EPS0, Array, ComplexArray
 from model.gap_table import LOG_P_AXIS, LOG_U_AXIS, Four, GapTable, gap_nodes, lookup, mass_at
 
@@ -70,6 +70,21 @@ def divider(
     per_square = 1.0 / (a.real * a.real + a.imag * a.imag)
     per_a = complex(per_square * a.real, -per_square * a.imag)
     return beta, per_a, k_gap * h * per_a + shift
+
+
+@inlined
+def gain_of(
+    values: Array, mass: Array, mass_below: Array, gap: Array, p_hat: float, per_a: complex, z_hat: complex,
+    reach: float, out: Array,
+) -> float:  # fmt: skip
+    """(eps0/2) K(p, z)/|a|^2, the pressure per mean square volt, and what `lookup` found in `out`.
+
+    `per_a` is 1/(a h_rms); `reach` is the peak voltage over the cap of the local field, m; 0 without one.
+    """
+    lookup(values, p_hat, z_hat, out)
+    field = math.sqrt(per_a.real * per_a.real + per_a.imag * per_a.imag)
+    kept = _kept_share(mass, mass_below, gap, p_hat, z_hat, reach * field) if reach > 0.0 else 1.0
+    return float(0.5 * EPS0 * out[0] * field * field * kept)
 
 
 @kernel
@@ -168,13 +183,10 @@ def _solve(  # noqa: PLR0912 (one visible algorithm)
             for c in range(mean_square.shape[1]):
                 if mean_square[i, c] != 0.0:
                     _, per_a, z = divider(h[i, c], k_gap[i, c], bypass[i, c], leak[i, c], shift[i], p)
-                    z_hat, field = z / h_scale[i], abs(per_a) / h_scale[i]
-                    lookup(values, p / p_scale[i], z_hat, out)
-                    gain = 0.5 * EPS0 * out[0] * field * field
-                    if field_limit[i] < np.inf:
-                        closest = math.sqrt(crest[i, c] * abs(mean_square[i, c])) * field / field_limit[i]
-                        gain *= _kept_share(mass, mass_below, gap, p / p_scale[i], z_hat, closest)
-                    attraction += mean_square[i, c] * gain
+                    reach = math.sqrt(crest[i, c] * abs(mean_square[i, c])) / field_limit[i]
+                    attraction += mean_square[i, c] * gain_of(
+                        values, mass, mass_below, gap, p / p_scale[i], per_a / h_scale[i], z / h_scale[i], reach, out
+                    )
             excess = base + attraction - p
             if abs(excess) <= TOLERANCE * p:
                 solution = attraction
