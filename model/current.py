@@ -13,7 +13,7 @@ import numpy as np
 from model.compiled import kernel
 from model.contact import area_ratio
 from model.dielectrics import EPS0, Array, ComplexArray
-from model.gap_table import GapTable, lookup
+from model.gap_table import LOOKED_UP, GapTable, lookup
 from model.pressure import GapCircuit, divider
 
 
@@ -25,7 +25,7 @@ def sliding_current_per_v(table: GapTable, circuit: GapCircuit, total_pressure_p
     apart = 1.0 - area_ratio(table.shape, total_pressure_pa / circuit.pressure_scale_pa)
     result = np.empty(circuit.h_m.shape)
     _admittance(
-        table.values, circuit.pressure_scale_pa, circuit.length_scale_m, circuit.h_m, circuit.k_gap,
+        table.flat, circuit.pressure_scale_pa, circuit.length_scale_m, circuit.h_m, circuit.k_gap,
         circuit.bypass_per_m, circuit.leak_per_m_pa, circuit.gap_shift_m, total_pressure_pa, apart, result,
     )  # fmt: skip
     return np.asarray(EPS0 * omega * result)
@@ -38,18 +38,18 @@ def stuck_current_per_v(h_m: ComplexArray, omega: Array) -> Array:
 
 @kernel
 def _admittance(
-    values: Array, p_scale: Array, h_scale: Array, h: ComplexArray, k_gap: ComplexArray, bypass: ComplexArray,
+    flat: Array, p_scale: Array, h_scale: Array, h: ComplexArray, k_gap: ComplexArray, bypass: ComplexArray,
     leak: ComplexArray, shift: Array, pressure: Array, apart: Array, result: Array,
 ) -> None:  # fmt: skip
     """|current density/(j w eps0 V)| in 1/m; NaN pressure gives NaN."""
-    out = np.empty(3)
+    out = np.empty(LOOKED_UP)
     for i in range(pressure.size):
         for c in range(h.shape[1]):
             if not np.isfinite(pressure[i]):
                 result[i, c] = np.nan
                 continue
             beta, per_a, z = divider(h[i, c], k_gap[i, c], bypass[i, c], leak[i, c], shift[i], pressure[i])
-            lookup(values, pressure[i] / p_scale[i], z / h_scale[i], out)
+            lookup(flat, pressure[i] / p_scale[i], z / h_scale[i], out)
             result[i, c] = density_per_v(beta, per_a, k_gap[i, c], apart[i], out, h_scale[i])
 
 

@@ -152,7 +152,7 @@ def search(
 
 @inlined
 def follow(
-    values: Array, mass: Array, mass_below: Array, gap: Array, p_scale: float, h_scale: float, h: complex,
+    flat: Array, mass: Array, mass_below: Array, gap: Array, p_scale: float, h_scale: float, h: complex,
     k_gap: complex, bypass: complex, leak: complex, shift: float, reach: float, base: float, square: float,
     q_node: Array, guess: float, answer: Array, n: int, out: Array,
 ) -> bool:  # fmt: skip
@@ -169,7 +169,7 @@ def follow(
         if not low <= q <= high:
             return False
         _, per_a, z = divider(h, k_gap, bypass, leak, shift, q * q)
-        gain = gain_of(values, mass, mass_below, gap, q * q / p_scale, per_a / h_scale, z / h_scale, reach, out)
+        gain = gain_of(flat, mass, mass_below, gap, q * q / p_scale, per_a / h_scale, z / h_scale, reach, out)
         excess = base + square * gain - q * q
         if step > 0 and excess != excess_before:
             compliance = (q_before - q) / (excess - excess_before)

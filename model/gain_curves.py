@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from model.compiled import inlined, kernel, span
 from model.current import density_per_v
 from model.dielectrics import EPS0, Array, ComplexArray
-from model.gap_table import gap_nodes, lookup_row, mass_at
+from model.gap_table import LOOKED_UP, gap_nodes, lookup_row, mass_at
 from model.pressure import divider, edge_of_cap, first_gap, jump_of_slope
 
 Integers = NDArray[np.int64]
@@ -107,7 +107,7 @@ def fill_curve(
     h, k_gap, bypass, leak, shift = stacks
     _, p, apart, table, h_scale = nodes
     gains, admittances, _, x, y_square, openness = curve
-    out = np.empty(3)
+    out = np.empty(LOOKED_UP)
     last = p.size - 1
     for j in range(first, p.size):
         beta, per_a, z = divider(h[i, v], k_gap[i, v], bypass[i, v], leak[i, v], shift[i, v], p[j])

@@ -37,6 +37,9 @@ ANGLE_AXIS = (0.0, pi / 2.0, 15)
 LOG_U_AXIS = (np.log(1e-13), np.log(60.0), 0.1)  # gaps, in units of h_rms
 MAGNIFICATION_STEP = 0.2  # against 0.05: 3e-8 in every integral
 
+NEAR = 12  # numbers of a row of the table around an angle: three at each of four nodes, side by side in memory
+LOOKED_UP = 3 + NEAR  # what a look-up leaves: its three answers, and these
+
 Four = tuple[float, float, float, float]
 
 
@@ -56,15 +59,20 @@ class GapTable:
         """Identifies the numbers in the table, for provenance."""
         return _key(self.shape)
 
+    @cached_property
+    def flat(self) -> Array:
+        """`values` as `lookup` takes them [n_p, n_z, 3 n_angle]."""
+        return self.values.reshape(*self.values.shape[:2], -1)
+
     def refined(self, nodes_per_row: int) -> Array:
-        """`values` with as many pressures per row of them, evenly spaced in the logarithm, as `lookup` has them."""
+        """`flat` with as many pressures per row of it, evenly spaced in the logarithm, as `lookup` has them."""
         if nodes_per_row not in self._refined:
             place = np.arange((LOG_P_AXIS[2] - 1) * nodes_per_row + 1) / nodes_per_row
             weights = np.zeros((place.size, LOG_P_AXIS[2]))
             for i, x in enumerate(place):
                 first, four, _ = _stencil(x, 0.0, LOG_P_AXIS[2] - 1.0, LOG_P_AXIS[2])
                 weights[i, first : first + 4] = four
-            self._refined[nodes_per_row] = np.tensordot(weights, self.values, axes=1)
+            self._refined[nodes_per_row] = np.tensordot(weights, self.flat, axes=1)
         return self._refined[nodes_per_row]
 
     @cached_property
@@ -145,30 +153,30 @@ def axis(spec: tuple[float, float, int]) -> Array:
 
 
 @kernel
-def lookup(values: Array, p_hat: float, z_hat: complex, out: Array) -> bool:
-    """K^, |L^| and arg L^ at one point into `out` [3]; False (and the nearest edge) outside the table's pressures.
+def lookup(flat: Array, p_hat: float, z_hat: complex, out: Array) -> bool:
+    """K^, |L^| and arg L^ at one point into `out` [LOOKED_UP]; False (and the nearest edge) outside the pressures.
 
-    Local cubic interpolation on four nodes per axis: 3e-5 of the direct quadrature (4e-4 near the highest pressures,
-    where hardly a gap is left). Beyond the lengths of the table
-    its limits hold: K ~ 1/|z| below (P is constant there), K ~ 1/|z|^2 and L ~ 1/z above. K(conj z) = K(z),
-    L(conj z) = conj L(z).
+    Local cubic interpolation on four nodes per axis of `GapTable.flat`: 3e-5 of the direct quadrature (4e-4 near the
+    highest pressures, where hardly a gap is left). Beyond the lengths of the table its limits hold: K ~ 1/|z| below (P
+    is constant there), K ~ 1/|z|^2 and L ~ 1/z above. K(conj z) = K(z), L(conj z) = conj L(z).
     """
     i, wp, inside = _stencil(np.log(p_hat), LOG_P_AXIS[0], LOG_P_AXIS[1], LOG_P_AXIS[2])
     log_z, angle, j, wz, k, wa = _length(z_hat)
-    s0 = s1 = s2 = 0.0
-    for a in range(4):
-        r0, r1, r2 = _row(values, i + a, j, wz, k, wa)
-        s0, s1, s2 = s0 + wp[a] * r0, s1 + wp[a] * r1, s2 + wp[a] * r2
-    _exponentials(s0, s1, s2, log_z, angle, out)
+    for m in range(NEAR):
+        n = np.uintp(3 * k + m)
+        rows = wp[0] * _along_z(flat, i, j, wz, n) + wp[1] * _along_z(flat, i + 1, j, wz, n)
+        out[3 + m] = rows + wp[2] * _along_z(flat, i + 2, j, wz, n) + wp[3] * _along_z(flat, i + 3, j, wz, n)
+    _finish(log_z, angle, wa, out)
     return inside
 
 
 @kernel
-def lookup_row(values: Array, row: int, z_hat: complex, out: Array) -> None:
+def lookup_row(flat: Array, row: int, z_hat: complex, out: Array) -> None:
     """The same at the pressure of one row of the table, or of the `refined` one."""
     log_z, angle, j, wz, k, wa = _length(z_hat)
-    s0, s1, s2 = _row(values, row, j, wz, k, wa)
-    _exponentials(s0, s1, s2, log_z, angle, out)
+    for m in range(NEAR):
+        out[3 + m] = _along_z(flat, row, j, wz, np.uintp(3 * k + m))
+    _finish(log_z, angle, wa, out)
 
 
 @kernel
@@ -181,26 +189,25 @@ def _length(z_hat: complex) -> tuple[float, float, int, Four, int, Four]:
 
 
 @kernel
-def _row(values: Array, row: int, j: int, wz: Four, k: int, wa: Four) -> tuple[float, float, float]:
-    """The three logarithms at one pressure of the table."""
-    s0 = s1 = s2 = 0.0
-    at_p, at_z, at_angle = np.uintp(row), np.uintp(j), np.uintp(k)  # unsigned as in `span`
-    for b in range(4):
-        for c in range(4):
-            w, m, n = wz[b] * wa[c], at_z + np.uintp(b), at_angle + np.uintp(c)
-            s0 += w * values[at_p, m, n, 0]
-            s1 += w * values[at_p, m, n, 1]
-            s2 += w * values[at_p, m, n, 2]
-    return s0, s1, s2
+def _along_z(flat: Array, row: int, j: int, wz: Four, n: np.uintp) -> float:
+    """One number of the table at a length between four nodes."""
+    return float(
+        wz[0] * flat[row, j, n]
+        + wz[1] * flat[row, j + 1, n]
+        + wz[2] * flat[row, j + 2, n]
+        + wz[3] * flat[row, j + 3, n]
+    )
 
 
 @kernel
-def _exponentials(s0: float, s1: float, s2: float, log_z: float, angle: float, out: Array) -> None:
-    """Out of the logarithms, beyond the table's lengths by its limits."""
+def _finish(log_z: float, angle: float, wa: Four, out: Array) -> None:
+    """Between four angles, and out of the logarithms; beyond the table's lengths by its limits."""
     below, above = max(LOG_Z_AXIS[0] - log_z, 0.0), max(log_z - LOG_Z_AXIS[1], 0.0)
-    out[0] = np.exp(s0 + below - 2.0 * above)
-    out[1] = np.exp(s1 - above)
-    out[2] = s2 if angle >= 0.0 else -s2
+    w0, w1, w2, w3 = wa
+    out[0] = np.exp(w0 * out[3] + w1 * out[6] + w2 * out[9] + w3 * out[12] + below - 2.0 * above)
+    out[1] = np.exp(w0 * out[4] + w1 * out[7] + w2 * out[10] + w3 * out[13] - above)
+    at_angle = w0 * out[5] + w1 * out[8] + w2 * out[11] + w3 * out[14]
+    out[2] = at_angle if angle >= 0.0 else -at_angle
 
 
 @kernel

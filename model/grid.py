@@ -48,7 +48,7 @@ from model.gain_curves import (
     make_gap_sums,
     meet_cap,
 )
-from model.gap_table import LOG_P_AXIS, GapTable
+from model.gap_table import LOG_P_AXIS, LOOKED_UP, GapTable
 from model.pressure import MAX_ITERATIONS, divider
 
 NODES_PER_ROW = 2  # of the table: pressures on a curve; of fourth order between them
@@ -57,7 +57,7 @@ NODES_PER_ROW = 2  # of the table: pressures on a curve; of fourth order between
 class Integrals(NamedTuple):
     """What single conditions need of a `GapTable`, and of its gaps."""
 
-    values: Array
+    flat: Array
     mass: Array
     mass_below: Array
 
@@ -116,7 +116,7 @@ def solve_grid(table: GapTable, touch: PreparedTouch, load_pa: Array) -> GridSol
     _solve_grid(
         stacks, Nodes(p_hat, np.empty_like(p_hat), apart, refined, circuit.length_scale_m[0]), make_curve(p_hat.size),
         make_gap_sums(table.mass, p_hat if has_cap else p_hat[:0]),
-        Integrals(table.values, table.mass, table.mass_below), bends(stacks), to_series(np.sqrt(p_hat)),
+        Integrals(table.flat, table.mass, table.mass_below), bends(stacks), to_series(np.sqrt(p_hat)),
         between(touch.shape[-1]), square, crest * np.abs(square) / limit**2, added, p_scale[:, 0], has_cap, load_pa,
         pressure, admittance, pulled_in,
     )  # fmt: skip
@@ -295,9 +295,9 @@ def _follow_voltages(
     Only where none is near, the curve of that voltage says where V(p_e) turns back.
     """
     h, k_gap, bypass, leak, shift = stacks
-    values, mass, mass_below = integrals
+    flat, mass, mass_below = integrals
     gain, _, _, answer, stored, even = work
-    gap, apart, current, h_scale, out = sums.gap, nodes.apart, curve.admittance, nodes.h_scale, np.empty(3)
+    gap, apart, current, h_scale, out = sums.gap, nodes.apart, curve.admittance, nodes.h_scale, np.empty(LOOKED_UP)
     p_low, p_high = q_node[0] ** 2, q_node[-1] ** 2
     for turn in range(voltages.size):
         v = _begin(turn, voltages, number, answer, stored, even)
@@ -311,7 +311,7 @@ def _follow_voltages(
             found = answer[n, 0] > 0.0
             if found:
                 found = follow(
-                    values, mass, mass_below, gap, p_scale, h_scale, h[i, v], k_gap[i, v], bypass[i, v], leak[i, v],
+                    flat, mass, mass_below, gap, p_scale, h_scale, h[i, v], k_gap[i, v], bypass[i, v], leak[i, v],
                     shift[i, v], reach, base, square[v], q_node, guess, answer, n, out,
                 )  # fmt: skip
             if found:

@@ -13,7 +13,7 @@ import numpy as np
 
 from model.compiled import inlined, kernel, kernel_of_sums, span
 from model.dielectrics import EPS0, Array, ComplexArray
-from model.gap_table import LOG_P_AXIS, LOG_U_AXIS, Four, GapTable, gap_nodes, lookup, mass_at
+from model.gap_table import LOG_P_AXIS, LOG_U_AXIS, LOOKED_UP, Four, GapTable, gap_nodes, lookup, mass_at
 
 TOLERANCE = 1e-10
 MAX_ITERATIONS = 200
@@ -49,7 +49,7 @@ def solve(table: GapTable, circuit: GapCircuit) -> Array:
     """Electrostatic pressure in Pa of each touch [n]; NaN where no equilibrium exists (pull-in)."""
     result = np.empty_like(circuit.load_pa)
     _solve(
-        table.values, table.mass, table.mass_below, gap_nodes(), circuit.pressure_scale_pa, circuit.length_scale_m,
+        table.flat, table.mass, table.mass_below, gap_nodes(), circuit.pressure_scale_pa, circuit.length_scale_m,
         circuit.h_m, circuit.k_gap, circuit.bypass_per_m, circuit.leak_per_m_pa, circuit.mean_square_v2,
         circuit.crest_square, circuit.gap_shift_m, circuit.load_pa, circuit.added_pa, circuit.field_limit_v_per_m,
         result,
@@ -74,14 +74,14 @@ def divider(
 
 @inlined
 def gain_of(
-    values: Array, mass: Array, mass_below: Array, gap: Array, p_hat: float, per_a: complex, z_hat: complex,
+    flat: Array, mass: Array, mass_below: Array, gap: Array, p_hat: float, per_a: complex, z_hat: complex,
     reach: float, out: Array,
 ) -> float:  # fmt: skip
     """(eps0/2) K(p, z)/|a|^2, the pressure per mean square volt, and what `lookup` found in `out`.
 
     `per_a` is 1/(a h_rms); `reach` is the peak voltage over the cap of the local field, m; 0 without one.
     """
-    lookup(values, p_hat, z_hat, out)
+    lookup(flat, p_hat, z_hat, out)
     field = math.sqrt(per_a.real * per_a.real + per_a.imag * per_a.imag)
     kept = _kept_share(mass, mass_below, gap, p_hat, z_hat, reach * field) if reach > 0.0 else 1.0
     return float(0.5 * EPS0 * out[0] * field * field * kept)
@@ -162,7 +162,7 @@ def jump_of_slope(u: float, mass: float, z_real: float) -> float:
 
 @kernel
 def _solve(  # noqa: PLR0912 (one visible algorithm)
-    values: Array, mass: Array, mass_below: Array, gap: Array, p_scale: Array, h_scale: Array, h: ComplexArray,
+    flat: Array, mass: Array, mass_below: Array, gap: Array, p_scale: Array, h_scale: Array, h: ComplexArray,
     k_gap: ComplexArray, bypass: ComplexArray, leak: ComplexArray, mean_square: Array, crest: Array, shift: Array,
     load: Array, added: Array, field_limit: Array, result: Array,
 ) -> None:  # fmt: skip
@@ -170,7 +170,7 @@ def _solve(  # noqa: PLR0912 (one visible algorithm)
 
     The share of the drive that each pressure needs must rise on the way; where it turns back, the contact pulls in.
     """
-    out = np.empty(3)
+    out = np.empty(LOOKED_UP)
     for i in range(load.size):
         base = load[i] + added[i]
         p_min, p_max = p_scale[i] * np.exp(LOG_P_AXIS[0]), p_scale[i] * np.exp(LOG_P_AXIS[1])
@@ -185,7 +185,7 @@ def _solve(  # noqa: PLR0912 (one visible algorithm)
                     _, per_a, z = divider(h[i, c], k_gap[i, c], bypass[i, c], leak[i, c], shift[i], p)
                     reach = math.sqrt(crest[i, c] * abs(mean_square[i, c])) / field_limit[i]
                     attraction += mean_square[i, c] * gain_of(
-                        values, mass, mass_below, gap, p / p_scale[i], per_a / h_scale[i], z / h_scale[i], reach, out
+                        flat, mass, mass_below, gap, p / p_scale[i], per_a / h_scale[i], z / h_scale[i], reach, out
                     )
             excess = base + attraction - p
             if abs(excess) <= TOLERANCE * p:

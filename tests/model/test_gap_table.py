@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from model import contact
 from model import gap_table as module
 from model.contact import area_ratio
-from model.gap_table import GapTable, gap_integrals, gap_table, lookup
+from model.gap_table import LOG_P_AXIS, LOOKED_UP, GapTable, axis, gap_integrals, gap_table, lookup, lookup_row
 from model.roughness import SelfAffineShape
 
 FINGERS = ("reference", "table1")
@@ -19,8 +19,8 @@ GAPS = module.gap_nodes().size
 
 
 def look_up(table: GapTable, p_hat: float, z_hat: complex) -> tuple[float, complex]:
-    out = np.empty(3)
-    assert lookup(table.values, p_hat, complex(z_hat), out)
+    out = np.empty(LOOKED_UP)
+    assert lookup(table.flat, p_hat, complex(z_hat), out)
     return out[0], out[1] * np.exp(1j * out[2])
 
 
@@ -137,10 +137,22 @@ def test_conjugate_symmetry(models, log_p: float, log_z: float, angle: float) ->
     assert l.imag <= 0.0  # 1/(u + z) has the opposite sign of z
 
 
+@given(half_row=st.integers(0, 2 * (LOG_P_AXIS[2] - 1)), log_z=st.floats(-18.0, 8.0), angle=st.floats(-1.57, 1.57))
+def test_a_row_of_the_refined_table_is_a_look_up_at_its_pressure(
+    models, half_row: int, log_z: float, angle: float
+) -> None:
+    table, z_hat = models["reference"].table, complex(np.exp(log_z + 1j * angle))
+    at_row, at_pressure = np.empty(LOOKED_UP), np.empty(LOOKED_UP)
+    lookup_row(table.refined(2), half_row, z_hat, at_row)
+    low, high = axis(LOG_P_AXIS)[half_row // 2], axis(LOG_P_AXIS)[(half_row + 1) // 2]
+    lookup(table.flat, float(np.exp((low + high) / 2.0)), z_hat, at_pressure)
+    np.testing.assert_allclose(at_row[:3], at_pressure[:3], rtol=1e-9)  # rounding of the pressure
+
+
 def test_pressures_outside_the_table_are_told(models) -> None:
-    out = np.empty(3)
+    out = np.empty(LOOKED_UP)
     for p_hat, inside in ((0.9e-6, False), (1e-6, True), (10.0, True), (11.0, False)):
-        assert lookup(models["reference"].table.values, p_hat, 1.0 + 0j, out) is inside
+        assert lookup(models["reference"].table.flat, p_hat, 1.0 + 0j, out) is inside
         assert np.isfinite(out).all()
 
 
