@@ -233,7 +233,7 @@ class TouchModel:
     def _surface_point_by_point(
         self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: float, time_s: float
     ) -> SurfaceSolution:
-        """Each point by itself: for effects that change the stack or the field with voltage, and as published."""
+        """Each point by itself, as published."""
         f, v, n = np.meshgrid(frequency_hz, voltage_v, normal_force_n, indexing="ij")
         shape = f.shape
         speed, time = np.full(f.size, speed_m_s), np.full(f.size, time_s)
