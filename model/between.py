@@ -1,11 +1,10 @@
-"""Most voltages of a surface need not be solved: answers that change smoothly come from those at every fourth.
+"""Most points of a surface need not be solved: answers that change smoothly come from those around them.
 
 Whether they do is looked at everywhere; where not, as at a fold or where an amplifier saturates, all are solved.
 """
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -15,48 +14,52 @@ from model.compiled import kernel
 from model.dielectrics import Array
 from model.gain_curves import Integers
 
-STRIDE = 4  # voltages from one solved first to the next
-AROUND = 5  # solved voltages around a place: a quartic
-SMOOTH = 5e-5  # of an answer: what a cubic through four of five may miss at the middle one; a quartic misses far less
+AROUND = 5  # solved places around one that is not: a quartic
+CHECKED = 6  # solved places of which the quartic through five is to find the other
+SMOOTH = 1e-4  # of an answer: what it may miss there; between places half as far apart it misses a tenth of that
 
 
 class Between(NamedTuple):
-    """Answers at all voltages from those at the voltages solved first.
+    """Answers at all places on an axis from those at the places solved first.
 
-    `solved` [k]: the numbers v of these; `number` [v]: the k of a solved voltage, else -1; `start` [k]: the first of
-    the five solved ones around the interval after k, and `other` [k]: of five more beside these; `weight` [v, 5]: of
-    the five at a voltage of the interval; `miss` [k, 5]: of what a cubic misses in the middle of the five from k on.
+    `solved` [k]: the numbers v of these; `number` [v]: the k of a solved place, else -1; `start` [k]: the first of the
+    five solved ones around the interval after k; `weight` [v, 5]: their weights at a place of it; `miss` [w, 6]: the
+    weights of what a quartic misses at one of the six from w on; `check` [k, 2]: which w tell about an interval.
     """
 
     solved: Integers
     number: Integers
     start: Integers
-    other: Integers
     weight: Array
     miss: Array
+    check: Integers
 
 
-@lru_cache(maxsize=8)
-def between(count: int) -> Between:
-    """Which of `count` voltages to solve first: all of them where they are few."""
-    stride = STRIDE if count > AROUND * STRIDE else 1
+@lru_cache(maxsize=16)
+def between(count: int, stride: int) -> Between:
+    """Of `count` places every `stride` is solved first; all of them where they are few."""
+    stride = stride if count > CHECKED * stride else 1
     solved = np.unique(np.append(np.arange(0, count, stride), count - 1))
     number = np.full(count, -1)
     number[solved] = np.arange(solved.size)
-    windows = max(solved.size - AROUND + 1, 0)
-    interval, last = np.arange(solved.size), max(windows - 1, 0)
-    start, other = np.clip(interval - 1, 0, last), np.clip(interval - 2, 0, last)
-    other = np.where(other != start, other, np.clip(np.where(interval < 2, start + 1, start - 1), 0, last))
-    weight, miss = np.zeros((count, AROUND)), np.zeros((windows, AROUND))
-    for k in range(solved.size - 1 if windows else 0):
+    intervals, weight = np.arange(solved.size - 1 if stride > 1 else 0), np.zeros((count, AROUND))
+    start = np.clip(intervals - 1, 0, max(solved.size - AROUND, 0))
+    for k in intervals:
         inside = np.arange(solved[k], solved[k + 1])
         weight[inside] = _lagrange(solved[start[k] : start[k] + AROUND], inside)
-    middle = np.arange(AROUND) == AROUND // 2
-    for w in range(windows):
-        around = solved[w : w + AROUND]
-        miss[w, ~middle] = _lagrange(around[~middle], around[middle])
-        miss[w, middle] = -1.0
-    return Between(solved, number, start, other, weight, miss)
+    miss = np.zeros((max(solved.size - CHECKED + 1, 0) if stride > 1 else 0, CHECKED))
+    sought = np.arange(CHECKED) == CHECKED // 2 - 1
+    for w in range(len(miss)):
+        six = solved[w : w + CHECKED]
+        miss[w, ~sought] = _lagrange(six[~sought], six[sought])
+        miss[w, sought] = -1.0
+    if len(miss):
+        miss[[0, 1, -2, -1]] *= 10.0  # a value at an end counts for a tenth in the middle, but whole beside it
+    # a kink may hide from one six, not from two
+    last = max(len(miss) - 1, 0)
+    nearest, other = np.clip(intervals - 2, 0, last), np.clip(intervals - 3, 0, last)
+    other = np.where(other != nearest, other, np.clip(np.where(intervals < CHECKED // 2, 1, last - 1), 0, last))
+    return Between(solved, number, start, weight, miss, np.stack([nearest, other], axis=1))
 
 
 def _lagrange(nodes: Integers, x: Integers) -> Array:
@@ -67,37 +70,38 @@ def _lagrange(nodes: Integers, x: Integers) -> Array:
 
 
 @kernel
-def fill_between(way: Between, values: Array, missed: Array, rough: Integers) -> int:
-    """Fill in the `values` [v, c]; voltages where a column is not smooth are listed in `rough`, and counted.
-
-    What is not a number is not smooth. Rough values are guesses. `missed` [k] is a work array.
-    """
-    solved, _, start, other, weight, miss = way
-    count, columns = 0, values.shape[1]
+def fill_between(way: Between, values: Array, uneven: Integers) -> None:
+    """Fill in the `values` [v, c], and count in `uneven` [w] the columns where that is no more than a guess, or NaN."""
+    solved, _, start, weight, miss, _ = way
+    columns = values.shape[1]
     for w in range(miss.shape[0]):
-        missed[w] = 0.0
+        m0, m1, m2, m3, m4, m5 = miss[w, 0], miss[w, 1], miss[w, 2], miss[w, 3], miss[w, 4], miss[w, 5]
+        v0, v1, v2, v3, v4, v5 = solved[w], solved[w + 1], solved[w + 2], solved[w + 3], solved[w + 4], solved[w + 5]
         for c in range(columns):
-            off = 0.0
-            for b in range(AROUND):
-                off += miss[w, b] * values[solved[w + b], c]
-            share = abs(off / values[solved[w + AROUND // 2], c])
-            missed[w] = np.inf if math.isnan(share) else max(missed[w], share)
-    for k in range(solved.size - 1):
-        low, high, w = solved[k], solved[k + 1], start[k]
-        if high == low + 1:
-            continue
-        most = max(missed[w], missed[other[k]])  # a kink may hide from one five, not from two
-        if k == 0 or high == values.shape[0] - 1:
-            most *= 6.0  # the value at an end counts for a sixth in the middle, but whole beside it
+            off = (
+                m0 * values[v0, c] + m1 * values[v1, c] + m2 * values[v2, c]
+                + m3 * values[v3, c] + m4 * values[v4, c] + m5 * values[v5, c]
+            )  # fmt: skip
+            uneven[w] += not abs(off) <= SMOOTH * abs(values[v2, c])
+    for k in range(start.size):
+        w = start[k]
         v0, v1, v2, v3, v4 = solved[w], solved[w + 1], solved[w + 2], solved[w + 3], solved[w + 4]
-        for v in range(low + 1, high):
+        for v in range(solved[k] + 1, solved[k + 1]):
             w0, w1, w2, w3, w4 = weight[v, 0], weight[v, 1], weight[v, 2], weight[v, 3], weight[v, 4]
             for c in range(columns):
                 values[v, c] = (
                     w0 * values[v0, c] + w1 * values[v1, c] + w2 * values[v2, c]
                     + w3 * values[v3, c] + w4 * values[v4, c]
                 )  # fmt: skip
-            if not most <= SMOOTH:
+
+
+@kernel
+def rough_places(way: Between, uneven: Integers, rough: Integers) -> int:
+    """List in `rough` the places left to solve, and count them."""
+    count = 0
+    for k in range(way.start.size):
+        if uneven[way.check[k, 0]] + uneven[way.check[k, 1]] > 0:
+            for v in range(way.solved[k] + 1, way.solved[k + 1]):
                 rough[count] = v
                 count += 1
     return count

@@ -2,8 +2,8 @@
 
 At one frequency the pressure per mean square volt, the gain, depends on the total pressure p alone: a curve of a few
 nodes (`gain_curves.py`), quartic between them in q = sqrt(p), over which it is as straight as over the logarithm. On it
-<V^2>(p_e) = p_e/gain(p0 + p_e) is explicit; it is inverted for every load and some voltages, from which the others
-follow (`between.py`). Where the stack changes with the voltage, each answer is sought where the last one leads.
+<V^2>(p_e) = p_e/gain(p0 + p_e) is explicit; it is inverted for every load at some frequencies and voltages, from which
+the others follow (`between.py`). Where the stack changes with the voltage, each answer is sought where the last leads.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from model.between import Between, between, fill_between
+from model.between import Between, between, fill_between, rough_places
 from model.chain import PreparedTouch
 from model.compiled import kernel, span
 from model.contact import area_ratio
@@ -51,6 +51,7 @@ from model.gain_curves import (
 from model.gap_table import LOG_P_AXIS, LOOKED_UP, GapTable
 from model.pressure import MAX_ITERATIONS, divider
 
+FREQUENCY_STRIDE, VOLTAGE_STRIDE = 2, 4  # from one that is solved first to the next
 NODES_PER_ROW = 2  # of the table: pressures on a curve; of fourth order between them
 
 
@@ -112,13 +113,14 @@ def solve_grid(table: GapTable, touch: PreparedTouch, load_pa: Array) -> GridSol
     apart, refined = 1.0 - area_ratio(table.shape, p_hat), table.refined(NODES_PER_ROW)
     has_cap = bool(np.isfinite(limit).any())
     shape = (*square.shape, load_pa.size)
+    frequency_stride = FREQUENCY_STRIDE if len(touch.shape) == 2 else 1  # else rows are not on one axis
     (pressure, admittance), pulled_in = np.empty((2, *shape)), np.zeros(shape, dtype=np.bool_)
     _solve_grid(
         stacks, Nodes(p_hat, np.empty_like(p_hat), apart, refined, circuit.length_scale_m[0]), make_curve(p_hat.size),
         make_gap_sums(table.mass, p_hat if has_cap else p_hat[:0]),
         Integrals(table.flat, table.mass, table.mass_below), bends(stacks), to_series(np.sqrt(p_hat)),
-        between(touch.shape[-1]), square, crest * np.abs(square) / limit**2, added, p_scale[:, 0], has_cap, load_pa,
-        pressure, admittance, pulled_in,
+        between(shape[0], frequency_stride), between(shape[1], VOLTAGE_STRIDE), square,
+        crest * np.abs(square) / limit**2, added, p_scale[:, 0], has_cap, load_pa, pressure, admittance, pulled_in,
     )  # fmt: skip
     whole = (*touch.shape, load_pa.size)
     return GridSolution(pressure.reshape(whole), admittance.reshape(whole), pulled_in.reshape(whole))
@@ -132,46 +134,72 @@ def bends(stacks: Stack) -> NDArray[np.bool_]:
 @kernel
 def _solve_grid(
     stacks: Stack, nodes: Nodes, curve: Curve, sums: GapSums, integrals: Integrals, bent: NDArray[np.bool_],
-    spacing: Spacing, way: Between, square: Array, crest_square: Array, added: Array, p_scale: Array, has_cap: bool,
-    load: Array, pressure: Array, admittance: Array, pulled_in: NDArray[np.bool_],
+    spacing: Spacing, along_f: Between, along_v: Between, square: Array, crest_square: Array, added: Array,
+    p_scale: Array, has_cap: bool, load: Array, pressure: Array, admittance: Array, pulled_in: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Per frequency: some voltages under every load, the voltages between, and from gains to pressures.
+    """Some frequencies, those between, and from gains to pressures.
 
-    `bent` [f] as of `bends`; `crest_square` [f, v]: (peak voltage over the field's cap)^2, m^2.
+    `bent` [f] as of `bends`; `crest_square` [f, v]: (peak voltage over the field's cap)^2, m^2. Until the end pressure
+    and admittance hold what `Work.even` does.
     """
+    frequencies, voltages, loads = pressure.shape
     q_node, per_q, scale = np.empty(nodes.p.size), np.empty(nodes.p.size - 1), 0.0
-    work = _make_work(q_node.size, way.solved.size, square.shape[1], load.size)
-    even, rough = work.even, np.empty(square.shape[1], dtype=np.int64)
-    missed = np.empty(way.miss.shape[0])
-    for i in range(square.shape[0]):
-        if p_scale[i] != scale:
-            scale = p_scale[i]
-            _lay_nodes(nodes, scale, q_node, per_q)
-        least, highest, most_square = added[i].min(), load[-1] + added[i].max(), square[i].max()
-        first = node_below(q_node, math.sqrt(load[0] + least))
-        last, met, start = q_node.size - 1, np.inf, 0
-        if not bent[i]:
-            last = fill_curve(stacks, i, 0, nodes, first, most_square, highest, curve)
-            if has_cap:
-                met, start = meet_cap(curve, sums, first, last, crest_square[i].max())
-        voltages = way.solved
-        for attempt in range(2):
-            if bent[i]:
-                _follow_voltages(
-                    stacks, i, integrals, nodes, curve, sums, work, q_node, per_q, spacing, first, voltages, way.number,
-                    square[i], most_square, crest_square[i], added[i], scale, load, highest, pulled_in[i],
-                )  # fmt: skip
-            else:
-                _solve_voltages(
-                    curve, sums, work, q_node, per_q, spacing, first, last, voltages, way.number, square[i],
-                    crest_square[i], added[i], least, has_cap, met, start, load, pulled_in[i],
-                )  # fmt: skip
-            if attempt == 0:
-                voltages = rough[: fill_between(way, even, missed, rough)]
-        for v in range(square.shape[1]):
-            for n in range(load.size):
-                pressure[i, v, n] = square[i, v] / (even[v, n] * even[v, n])
-                admittance[i, v, n] = 1.0 / even[v, load.size + n]
+    work = _make_work(q_node.size, along_v.solved.size, voltages, loads)
+    rough, uneven = np.empty(frequencies, dtype=np.int64), np.zeros(len(along_f.miss), dtype=np.int64)
+    which = along_f.solved
+    for attempt in range(2):
+        for i in which:
+            if p_scale[i] != scale:
+                scale = p_scale[i]
+                _lay_nodes(nodes, scale, q_node, per_q)
+            _solve_frequency(
+                stacks, i, nodes, curve, sums, integrals, bent[i], work, q_node, per_q, spacing, along_v, square[i],
+                crest_square[i], added[i], scale, has_cap, load, pulled_in[i],
+            )  # fmt: skip
+            for v in range(voltages):
+                for n in range(loads):
+                    pressure[i, v, n], admittance[i, v, n] = work.even[v, n], work.even[v, loads + n]
+        if attempt == 0:
+            for values in (pressure, admittance):
+                fill_between(along_f, values.reshape(frequencies, voltages * loads), uneven)
+            which = rough[: rough_places(along_f, uneven, rough)]
+    for i in range(frequencies):
+        for v in range(voltages):
+            for n in range(loads):
+                pressure[i, v, n] = square[i, v] / (pressure[i, v, n] * pressure[i, v, n])
+                admittance[i, v, n] = 1.0 / admittance[i, v, n]
+
+
+@kernel
+def _solve_frequency(
+    stacks: Stack, i: int, nodes: Nodes, curve: Curve, sums: GapSums, integrals: Integrals, bent: bool, work: Work,
+    q_node: Array, per_q: Array, spacing: Spacing, along_v: Between, square: Array, crest_square: Array, added: Array,
+    p_scale: float, has_cap: bool, load: Array, pulled_in: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Some voltages of one frequency under every load, and those between."""
+    least, highest, most_square = added.min(), load[-1] + added.max(), square.max()
+    first = node_below(q_node, math.sqrt(load[0] + least))
+    last, met, start = q_node.size - 1, np.inf, 0
+    if not bent:
+        last = fill_curve(stacks, i, 0, nodes, first, most_square, highest, curve)
+        if has_cap:
+            met, start = meet_cap(curve, sums, first, last, crest_square.max())
+    rough, uneven = np.empty(square.size, dtype=np.int64), np.zeros(len(along_v.miss), dtype=np.int64)
+    which = along_v.solved
+    for attempt in range(2):
+        if bent:
+            _follow_voltages(
+                stacks, i, integrals, nodes, curve, sums, work, q_node, per_q, spacing, first, which, along_v.number,
+                square, most_square, crest_square, added, p_scale, load, highest, pulled_in,
+            )  # fmt: skip
+        else:
+            _solve_voltages(
+                curve, sums, work, q_node, per_q, spacing, first, last, which, along_v.number, square, crest_square,
+                added, least, has_cap, met, start, load, pulled_in,
+            )  # fmt: skip
+        if attempt == 0:
+            fill_between(along_v, work.even, uneven)
+            which = rough[: rough_places(along_v, uneven, rough)]
 
 
 @kernel

@@ -5,19 +5,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from model.between import SMOOTH, STRIDE, between, fill_between
+from model.between import CHECKED, SMOOTH, between, fill_between, rough_places
 
-COUNTS = st.integers(STRIDE * 5 + 1, 140)
+STRIDE = 4
+COUNTS = st.integers(STRIDE * CHECKED + 1, 140)
 
 
 def fill(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What `fill_between` makes of `values` [v] of which only the solved ones are known, and what it leaves."""
-    way = between(values.size)
+    way = between(values.size, STRIDE)
     known = np.full((values.size, 1), -1e300)
     known[way.solved, 0] = values[way.solved]
-    rough = np.empty(values.size, dtype=np.int64)
-    count = fill_between(way, known, np.empty(values.size), rough)
-    return known[:, 0], rough[:count]
+    uneven, rough = np.zeros(len(way.miss), dtype=np.int64), np.empty(values.size, dtype=np.int64)
+    fill_between(way, known, uneven)
+    return known[:, 0], rough[: rough_places(way, uneven, rough)]
 
 
 @given(count=COUNTS, scale=st.floats(1e-4, 2e-3))
@@ -42,7 +43,7 @@ def test_a_kink_is_never_bridged(count: int, place: float, bend: float) -> None:
 @given(count=COUNTS, data=st.data())
 def test_what_has_no_answer_leaves_its_neighbours_to_be_solved(count: int, data: st.DataObject) -> None:
     values = np.ones(count)
-    solved = between(count).solved
+    solved = between(count, STRIDE).solved
     missing = data.draw(st.sampled_from(list(solved)))
     values[missing] = np.nan
     filled, rough = fill(values)
@@ -52,9 +53,9 @@ def test_what_has_no_answer_leaves_its_neighbours_to_be_solved(count: int, data:
             assert v in rough
 
 
-@pytest.mark.parametrize("count", [1, 4, 5, STRIDE * 5])
+@pytest.mark.parametrize("count", [1, 4, 5, STRIDE * CHECKED])
 def test_few_voltages_are_all_solved(count: int) -> None:
-    np.testing.assert_array_equal(between(count).solved, np.arange(count))
+    np.testing.assert_array_equal(between(count, STRIDE).solved, np.arange(count))
     filled, rough = fill(np.linspace(1.0, 2.0, count) ** -3.0)
     assert rough.size == 0
     np.testing.assert_array_equal(filled, np.linspace(1.0, 2.0, count) ** -3.0)

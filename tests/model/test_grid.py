@@ -7,6 +7,7 @@ import pytest
 
 from model import gain_curves, grid
 from model.chain import prepare
+from model.dielectrics import Tabulated
 from model.effects import BY_NAME, CATALOGUE
 from model.gap_table import LOG_P_AXIS, gap_integrals
 from model.parameters import Parameter
@@ -91,8 +92,24 @@ def test_a_surface_follows_stack_and_field_that_bend_together(fresh_tables, mode
     )
 
 
-def follow_single_conditions(model: TouchModel) -> None:
-    f, v = np.geomspace(1.0, 1e6, 4), np.linspace(0.0, 150.0, 64)
+@pytest.mark.parametrize("kind", CATALOGUE, ids=lambda kind: kind.name)
+def test_between_solved_frequencies_a_surface_follows_every_effect(with_effect, kind) -> None:
+    follow_single_conditions(with_effect(kind), np.geomspace(1.0, 1e6, 200), np.array([0.0, 20.0, 75.0, 150.0]))
+
+
+def test_between_solved_frequencies_a_surface_follows_a_users_table_of_skin(fresh_tables, models) -> None:
+    """Its permittivity has a kink at every row."""
+    f = (1.0, 8.0, 90.0, 1.1e3, 7e3, 1e5, 1e6)
+    skin = Tabulated(
+        "user", "test", f, (9e4, 6e4, 2e4, 5e3, 1.5e3, 1.1e3, 9e2), (2e-6, 3e-6, 9e-6, 3e-5, 8e-5, 2e-4, 9e-3)
+    )
+    model = fresh_tables(TouchModel(replace(models["reference"].description, dielectric=skin)))
+    follow_single_conditions(model, np.geomspace(1.0, 1e6, 200), np.array([0.0, 20.0, 75.0, 150.0]))
+
+
+def follow_single_conditions(model: TouchModel, f: np.ndarray | None = None, v: np.ndarray | None = None) -> None:
+    f = np.geomspace(1.0, 1e6, 4) if f is None else f
+    v = np.linspace(0.0, 150.0, 64) if v is None else v
     surface = model.surface(f, v, N)
     single = model.predict(Conditions(*(x.ravel() for x in np.meshgrid(f, v, N, indexing="ij"))))
     for field in ("electrostatic_force_n", "current_rms_a"):
