@@ -91,8 +91,8 @@ class SurfaceBuilder:
     def rebuild(self, description: ModelDescription, with_interval: bool = False) -> SurfaceFile:
         """Solve the model on every point of the axes; `with_interval` adds how far friction may be off (about 1 s).
 
-        6 to 13 ms with any one effect (`benchmarks/surface_rebuild.py`), 26 where it bends the stack very strongly with
-        the voltage, up to 50 where another caps the field; under a second where a roughness shape needs a gap table.
+        5 to 14 ms with any one effect (`benchmarks/surface_rebuild.py`), 22 to 30 where one bends the stack with the
+        voltage and another caps the field; under a second where a new roughness shape needs a gap table, once.
         """
         f, v, n = self._axes.frequency_hz, self._axes.voltage_v, self._axes.normal_force_n
         touch = TouchModel(description)
