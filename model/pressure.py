@@ -108,8 +108,8 @@ def _kept_share(mass: Array, mass_below: Array, gap: Array, p_hat: float, z_hat:
     start = first_gap(x, y_square)
     if closest_square <= (gap[start] + x) ** 2 + y_square:
         return 1.0
-    reach = start + 1  # and beyond: to where the rounding of the next line leaves no doubt
-    reach = max(reach, min(_node_of(math.sqrt(closest_square - y_square) - x) - 1, gap.size - 1))
+    edge_node = _node_of(math.sqrt(closest_square - y_square) - x)
+    reach = max(start + 1, min(edge_node - 1, gap.size - 1))  # one less, against rounding
     while reach < gap.size - 1 and (gap[reach] + x) ** 2 + y_square < closest_square:
         reach += 1
     row, weights = mass_at(p_hat)
@@ -204,6 +204,7 @@ def _solve(  # noqa: PLR0912 (one visible algorithm)
                     step = secant
             if above == np.inf:
                 step = min(max(step, (1.0 + 1e-12) * p), MOST_GROWTH * p)
+                step = min(step, p_max) if p < p_max else step  # an equilibrium may lie just inside the table
             elif not below < step < above:
                 step = 0.5 * (below + above)
             previous, excess_previous = p, excess

@@ -181,6 +181,16 @@ class TestMadeUpContact:
         np.testing.assert_allclose(grid.electrostatic_pressure_pa[0, :, 0], expected, rtol=1e-7)
         assert not grid.pulled_in.any()  # past the table without ever having turned
 
+    @pytest.mark.parametrize("p", [9.0, 9.9, 9.99])
+    def test_an_equilibrium_just_inside_the_table_is_found(self, p: float) -> None:
+        """Its last pressure is 10; the way there is in steps of up to 15 %."""
+        p0 = 1e-2
+        mean_square = np.array([(p - p0) / np.sqrt(p) / (0.5 * EPS0)])
+        assert self.single(lambda x: 0.5 * x, mean_square, p0)[0] == pytest.approx(p - p0, rel=1e-6)
+        assert self.grid(lambda x: 0.5 * x, mean_square, p0).electrostatic_pressure_pa[0, 0, 0] == pytest.approx(
+            p - p0, rel=1e-6
+        )
+
     def test_quadratic_gain_turns_back(self) -> None:
         """p = p0 + B p^2 has two roots below 4 B p0 = 1 and none above; reachable is the lower."""
         p0 = 1e-2
