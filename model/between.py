@@ -16,7 +16,7 @@ from model.gain_curves import Integers
 
 AROUND = 5  # solved places around one that is not: a quartic
 CHECKED = 6  # solved places of which the quartic through five is to find the other
-SMOOTH = 1e-4  # of an answer: what it may miss there; between places half as far apart it misses a tenth of that
+SMOOTH = 1e-4  # of an answer: what it may miss there; in between, nearer to its five, it misses about a tenth of that
 
 
 class Between(NamedTuple):
@@ -71,7 +71,10 @@ def _lagrange(nodes: Integers, x: Integers) -> Array:
 
 @kernel
 def fill_between(way: Between, values: Array, uneven: Integers) -> None:
-    """Fill in the `values` [v, c], and count in `uneven` [w] the columns where that is no more than a guess, or NaN."""
+    """Fill in the `values` [v, c], and add to `uneven` [w] the columns that are not smooth there, or not numbers.
+
+    What is filled in next to these is no more than a guess.
+    """
     solved, _, start, weight, miss, _ = way
     columns = values.shape[1]
     for w in range(miss.shape[0]):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from model.compiled import inlined, kernel, span
 from model.current import density_per_v
 from model.dielectrics import EPS0, Array, ComplexArray
-from model.gap_table import LOOKED_UP, gap_nodes, lookup_row, mass_at
+from model.gap_table import LOOKED_UP, Refined, gap_nodes, lookup_row
 from model.pressure import divider, edge_of_cap, first_gap, jump_of_slope
 
 Integers = NDArray[np.int64]
@@ -43,13 +43,12 @@ class Nodes(NamedTuple):
 class Curve(NamedTuple):
     """Gain and admittance [j], work arrays that one frequency leaves to the next.
 
-    For a cap: `kept`, the share of the gain that it leaves; `x`, `y_square`, of the stack's length z over h_rms;
-    `openness`, (|a| h_rms)^2, by which the gap's field is weaker than V/h_rms.
+    For a cap: `x`, `y_square`, of the stack's length z over h_rms; `openness`, (|a| h_rms)^2, by which the gap's field
+    is weaker than V/h_rms.
     """
 
     gain: Array
     admittance: Array
-    kept: Array
     x: Array
     y_square: Array
     openness: Array
@@ -74,26 +73,9 @@ def make_curve(pressures: int) -> Curve:
     return Curve(*(np.empty(pressures) for _ in Curve._fields))
 
 
-def make_gap_sums(table_mass: Array, p_hat: Array) -> GapSums:
+def make_gap_sums(table: Refined) -> GapSums:
     """The distribution of gaps at each pressure, and nothing summed yet."""
-    mass, below = masses(table_mass, p_hat)
-    return GapSums(gap_nodes(), mass, below, np.empty(mass.shape), np.empty(p_hat.size))
-
-
-@kernel
-def masses(table_mass: Array, p_hat: Array) -> tuple[Array, Array]:
-    """P(u) du [u, j] at each pressure, and its sum over all smaller gaps."""
-    gaps = table_mass.shape[1]
-    mass, below = np.zeros((gaps, p_hat.size)), np.zeros((gaps, p_hat.size))
-    for j in range(p_hat.size):
-        row, weights = mass_at(p_hat[j])
-        for m in range(gaps):
-            for b in range(4):
-                mass[m, j] += weights[b] * table_mass[row + b, m]
-    for m in range(1, gaps):
-        for j in range(p_hat.size):
-            below[m, j] = below[m - 1, j] + mass[m - 1, j]
-    return mass, below
+    return GapSums(gap_nodes(), table.mass, table.mass_below, np.empty_like(table.mass), np.empty_like(table.p_hat))
 
 
 @kernel
@@ -106,7 +88,7 @@ def fill_curve(
     """
     h, k_gap, bypass, leak, shift = stacks
     _, p, apart, table, h_scale = nodes
-    gains, admittances, _, x, y_square, openness = curve
+    gains, admittances, x, y_square, openness = curve
     out = np.empty(LOOKED_UP)
     last = p.size - 1
     for j in range(first, p.size):
@@ -130,7 +112,7 @@ def meet_cap(curve: Curve, sums: GapSums, first: int, last: int, crest_square: f
 
     Where `crest_square` is above it, the sums over gaps are made: K^ at each pressure, and over all smaller gaps.
     """
-    _, _, _, x, y_square, openness = curve
+    _, _, x, y_square, openness = curve
     gap, mass, mass_below, lost, per_whole = sums
     met = np.inf
     for j in span(first, last + 1):
@@ -149,11 +131,11 @@ def meet_cap(curve: Curve, sums: GapSums, first: int, last: int, crest_square: f
 
 
 @inlined
-def keep_shares(
-    x: Array, y_square: Array, openness: Array, gap: Array, mass: Array, mass_below: Array, lost: Array,
-    per_whole: Array, start: int, reach: int, crest_square: float, low: int, high: int, kept: Array,
+def cap_gains(
+    uncapped: Array, x: Array, y_square: Array, openness: Array, gap: Array, mass: Array, mass_below: Array,
+    lost: Array, per_whole: Array, start: int, reach: int, crest_square: float, low: int, high: int, gain: Array,
 ) -> int:  # fmt: skip
-    """Shares of the gains from node `low` to `high` that are left where the local field stops at the cap.
+    """The gains from node `low` to `high` that are left where the local field stops at the cap.
 
     `crest_square`: (peak voltage over the cap)^2, m^2. The integral over gaps is that of `pressure.py`, with the sums
     over gaps that have been made; pressures whose cap ends in the same step between two gaps are done at once. The
@@ -174,7 +156,7 @@ def keep_shares(
             end += 1
         if r == start:
             for i in span(j, end):
-                kept[i] = 1.0
+                gain[i] = uncapped[i]
         else:
             u, v = gap[r - 1], gap[r]
             for i in span(j, end):
@@ -183,6 +165,6 @@ def keep_shares(
                 t = (1.0 / per_closest - below) / (above - below)
                 edge = edge_of_cap(t, jump_of_slope(u, mass[r - 1, i], x[i]), jump_of_slope(v, mass[r, i], x[i]))
                 held = (mass_below[r, i] + edge * per_closest) * per_closest
-                kept[i] = 1.0 - per_whole[i] * (lost[r, i] - held)
+                gain[i] = uncapped[i] * (1.0 - per_whole[i] * (lost[r, i] - held))
         j = end
     return r

@@ -21,6 +21,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from math import atan2, log, pi
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,15 @@ NEAR = 12  # numbers of a row of the table around an angle: three at each of fou
 LOOKED_UP = 3 + NEAR  # what a look-up leaves: its three answers, and these
 
 Four = tuple[float, float, float, float]
+
+
+class Refined(NamedTuple):
+    """A table at more pressures p^ [j]: `GapTable.flat` there, P(u) du [u, j], and its sum over all smaller gaps."""
+
+    p_hat: Array
+    flat: Array
+    mass: Array
+    mass_below: Array
 
 
 @dataclass(frozen=True)
@@ -64,15 +74,17 @@ class GapTable:
         """`values` as `lookup` takes them [n_p, n_z, 3 n_angle]."""
         return self.values.reshape(*self.values.shape[:2], -1)
 
-    def refined(self, nodes_per_row: int) -> Array:
-        """`flat` with as many pressures per row of it, evenly spaced in the logarithm, as `lookup` has them."""
+    def refined(self, nodes_per_row: int) -> Refined:
+        """With as many pressures per row of the table, evenly spaced in the logarithm, as `lookup` has them."""
         if nodes_per_row not in self._refined:
             place = np.arange((LOG_P_AXIS[2] - 1) * nodes_per_row + 1) / nodes_per_row
             weights = np.zeros((place.size, LOG_P_AXIS[2]))
             for i, x in enumerate(place):
                 first, four, _ = _stencil(x, 0.0, LOG_P_AXIS[2] - 1.0, LOG_P_AXIS[2])
                 weights[i, first : first + 4] = four
-            self._refined[nodes_per_row] = np.tensordot(weights, self.flat, axes=1)
+            p_hat = np.exp(np.linspace(*LOG_P_AXIS[:2], place.size))
+            mass, below = (np.ascontiguousarray((weights @ x).T) for x in (self.mass, self.mass_below))
+            self._refined[nodes_per_row] = Refined(p_hat, np.tensordot(weights, self.flat, axes=1), mass, below)
         return self._refined[nodes_per_row]
 
     @cached_property
@@ -81,7 +93,7 @@ class GapTable:
         return np.cumsum(self.mass, axis=1) - self.mass
 
     @cached_property
-    def _refined(self) -> dict[int, Array]:
+    def _refined(self) -> dict[int, Refined]:
         return {}
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from model.between import Between, between, fill_between, rough_places
 from model.chain import PreparedTouch
-from model.compiled import kernel, span
+from model.compiled import kernel
 from model.contact import area_ratio
 from model.current import density_per_v
 from model.dielectrics import Array
@@ -42,13 +42,13 @@ from model.gain_curves import (
     Integers,
     Nodes,
     Stack,
+    cap_gains,
     fill_curve,
-    keep_shares,
     make_curve,
     make_gap_sums,
     meet_cap,
 )
-from model.gap_table import LOG_P_AXIS, LOOKED_UP, GapTable
+from model.gap_table import LOOKED_UP, GapTable
 from model.pressure import MAX_ITERATIONS, divider
 
 FREQUENCY_STRIDE, VOLTAGE_STRIDE = 2, 4  # from one that is solved first to the next
@@ -56,7 +56,7 @@ NODES_PER_ROW = 2  # of the table: pressures on a curve; of fourth order between
 
 
 class Integrals(NamedTuple):
-    """What single conditions need of a `GapTable`, and of its gaps."""
+    """What single conditions need of a `GapTable`."""
 
     flat: Array
     mass: Array
@@ -109,15 +109,14 @@ def solve_grid(table: GapTable, touch: PreparedTouch, load_pa: Array) -> GridSol
         x.reshape(rows) for x in (circuit.h_m, circuit.k_gap, circuit.bypass_per_m, circuit.leak_per_m_pa)
     )
     stacks = Stack(h, k_gap, bypass, leak, circuit.gap_shift_m.reshape(rows))
-    p_hat = np.exp(np.linspace(*LOG_P_AXIS[:2], (LOG_P_AXIS[2] - 1) * NODES_PER_ROW + 1))
-    apart, refined = 1.0 - area_ratio(table.shape, p_hat), table.refined(NODES_PER_ROW)
-    has_cap = bool(np.isfinite(limit).any())
+    refined, h_scale, has_cap = table.refined(NODES_PER_ROW), circuit.length_scale_m[0], bool(np.isfinite(limit).any())
+    p_hat = refined.p_hat
+    nodes = Nodes(p_hat, np.empty_like(p_hat), 1.0 - area_ratio(table.shape, p_hat), refined.flat, h_scale)
     shape = (*square.shape, load_pa.size)
     frequency_stride = FREQUENCY_STRIDE if len(touch.shape) == 2 else 1  # else rows are not on one axis
     (pressure, admittance), pulled_in = np.empty((2, *shape)), np.zeros(shape, dtype=np.bool_)
     _solve_grid(
-        stacks, Nodes(p_hat, np.empty_like(p_hat), apart, refined, circuit.length_scale_m[0]), make_curve(p_hat.size),
-        make_gap_sums(table.mass, p_hat if has_cap else p_hat[:0]),
+        stacks, nodes, make_curve(p_hat.size), make_gap_sums(refined),
         Integrals(table.flat, table.mass, table.mass_below), bends(stacks), to_series(np.sqrt(p_hat)),
         between(shape[0], frequency_stride), between(shape[1], VOLTAGE_STRIDE), square,
         crest * np.abs(square) / limit**2, added, p_scale[:, 0], has_cap, load_pa, pressure, admittance, pulled_in,
@@ -250,7 +249,7 @@ def _solve_voltages(  # noqa: PLR0912, PLR0915 (one visible algorithm)
     `met`, in gaps from number `start` on. `least` of the pressure `added`.
     """
     gain, end, end_gain, answer, stored, even = work  # numba counts references whenever a record's array is named:
-    uncapped, current, kept, x, y_square, openness = curve  # so not in the loops
+    uncapped, current, x, y_square, openness = curve  # so not in the loops
     gap, mass, mass_below, lost, per_whole = sums
     p_low, p_high, reach, was_capped = q_node[0] ** 2, q_node[-1] ** 2, start, False
     for turn in range(voltages.size):
@@ -263,15 +262,13 @@ def _solve_voltages(  # noqa: PLR0912, PLR0915 (one visible algorithm)
         n, alone, guess = 0, -1, 0.0
         while n < load.size:
             if not fresh:
-                for j in span(low, high + 1):
-                    gain[j] = uncapped[j]
                 if is_capped:
-                    reach = keep_shares(
-                        x, y_square, openness, gap, mass, mass_below, lost, per_whole, start, reach, crest_square[v],
-                        low, high, kept,
+                    reach = cap_gains(
+                        uncapped, x, y_square, openness, gap, mass, mass_below, lost, per_whole, start, reach,
+                        crest_square[v], low, high, gain,
                     )  # fmt: skip
-                    for j in span(low, high + 1):
-                        gain[j] *= kept[j]
+                else:
+                    gain[:] = uncapped
                 fresh = True
             base, before = load[n] + added[v], answer[n, 0]
             if alone != n:
@@ -375,12 +372,10 @@ def _cap_curve(curve: Curve, sums: GapSums, first: int, last: int, crest_square:
     if crest_square > 0.0:
         met, start = meet_cap(curve, sums, first, last, crest_square)
         if crest_square > met:
-            keep_shares(
-                curve.x, curve.y_square, curve.openness, sums.gap, sums.mass, sums.mass_below, sums.lost,
-                sums.per_whole, start, start, crest_square, first, last, curve.kept,
+            cap_gains(
+                curve.gain, curve.x, curve.y_square, curve.openness, sums.gap, sums.mass, sums.mass_below, sums.lost,
+                sums.per_whole, start, start, crest_square, first, last, gain,
             )  # fmt: skip
-            for j in span(first, last + 1):
-                gain[j] *= curve.kept[j]
 
 
 @kernel

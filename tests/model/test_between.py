@@ -21,7 +21,7 @@ def fill(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return known[:, 0], rough[: rough_places(way, uneven, rough)]
 
 
-@given(count=COUNTS, scale=st.floats(1e-4, 2e-3))
+@given(count=COUNTS, scale=st.floats(-2.0, 2.0))
 def test_a_quartic_is_filled_in_as_it_is(count: int, scale: float) -> None:
     x = np.arange(count) / count
     values = 1.0 + x - 0.5 * x**2 + scale * (x**3 - x**4)
@@ -30,13 +30,13 @@ def test_a_quartic_is_filled_in_as_it_is(count: int, scale: float) -> None:
     np.testing.assert_allclose(filled, values, rtol=1e-12)  # rounding
 
 
-@given(count=COUNTS, place=st.floats(0.0, 1.0), bend=st.floats(-0.1, 0.1))
+@given(count=COUNTS, place=st.floats(0.0, 1.0), bend=st.floats(0.0, 0.1))
 def test_a_kink_is_never_bridged(count: int, place: float, bend: float) -> None:
     x = np.arange(count, dtype=np.float64)
-    values = 1.0 + 1e-3 * x + np.abs(bend) * np.maximum(x - place * count, 0.0)
+    values = 1.0 + 1e-3 * x + bend * np.maximum(x - place * count, 0.0)
     filled, rough = fill(values)
     smooth = np.setdiff1d(np.arange(count), rough)
-    # by hand: a quartic misses a kink by at most three times what the check sees of it, at the ends of the axis
+    # next to a kink the quartic misses more than the check does: up to three times as much
     np.testing.assert_allclose(filled[smooth], values[smooth], rtol=3.0 * SMOOTH)
 
 

@@ -143,8 +143,10 @@ def test_a_row_of_the_refined_table_is_a_look_up_at_its_pressure(
 ) -> None:
     table, z_hat = models["reference"].table, complex(np.exp(log_z + 1j * angle))
     at_row, at_pressure = np.empty(LOOKED_UP), np.empty(LOOKED_UP)
-    lookup_row(table.refined(2), half_row, z_hat, at_row)
+    refined = table.refined(2)
+    lookup_row(refined.flat, half_row, z_hat, at_row)
     low, high = axis(LOG_P_AXIS)[half_row // 2], axis(LOG_P_AXIS)[(half_row + 1) // 2]
+    assert refined.p_hat[half_row] == pytest.approx(np.exp((low + high) / 2.0), rel=1e-12)
     lookup(table.flat, float(np.exp((low + high) / 2.0)), z_hat, at_pressure)
     np.testing.assert_allclose(at_row[:3], at_pressure[:3], rtol=1e-9)  # rounding of the pressure
 
