@@ -20,7 +20,8 @@ from model.touch_model import Conditions, TouchModel
 
 MOST_POINTS = 20_000_000
 CORRECTION_FREQUENCIES = 25
-CORRECTION_SPEEDS_M_S = np.geomspace(1e-3, 0.5, 15)
+CORRECTION_SPEEDS_M_S = SPEED_REFERENCE_M_S * 25.0 ** np.linspace(-1.0, 1.0, 15)
+REFERENCE = 7  # of these speeds: the one at which surfaces are solved
 CORRECTION_VOLTAGES = np.array([0.1, 0.3, 0.5, 0.65, 0.8, 0.9, 1.0])  # of the highest
 CORRECTION_TIMES_S = np.concatenate([[0.0], np.geomspace(0.1, 1e5, 60)])
 
@@ -148,10 +149,10 @@ def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:
     voltage = np.concatenate([[0.0], CORRECTION_VOLTAGES * axes.voltage_high_v])
 
     speed_matters = any("speed_m_s" in effect.needs for effect in touch.description.effects)
-    speeds = [SPEED_REFERENCE_M_S, *(CORRECTION_SPEEDS_M_S.tolist() if speed_matters else [])]
-    cof = touch.cof_at_speeds(f, voltage, n, np.array(speeds)).transpose(1, 3, 0, 2)  # [f, n, s, v]
+    speeds = CORRECTION_SPEEDS_M_S if speed_matters else np.array([SPEED_REFERENCE_M_S])
+    cof = touch.cof_at_speeds(f, voltage, n, speeds).transpose(0, 3, 1, 2)  # [f, n, s, v]
+    cof = np.broadcast_to(cof, (f.size, n.size, CORRECTION_SPEEDS_M_S.size, voltage.size))
     off, rise = cof[0, :, :, 0], cof[:, :, :, 1:] - cof[:, :, :, :1]
-    over_speed = np.arange(1, len(speeds)) if speed_matters else np.zeros(CORRECTION_SPEEDS_M_S.size, dtype=np.int64)
     zero = np.zeros_like(CORRECTION_TIMES_S)
     over_time = touch.predict(Conditions(zero, zero, zero + n[0], time_s=CORRECTION_TIMES_S)).cof
     return Correction(
@@ -160,7 +161,7 @@ def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:
         log_speed=np.log(CORRECTION_SPEEDS_M_S),
         voltage_v=voltage[1:],
         time_s=CORRECTION_TIMES_S,
-        off_factor=off[:, over_speed] / off[:, :1],
-        gain_factor=rise[:, :, over_speed] / rise[:, :, :1],
-        time_factor=over_time / off[0, 0],
+        off_factor=off / off[:, REFERENCE : REFERENCE + 1],
+        gain_factor=rise / rise[:, :, REFERENCE : REFERENCE + 1],
+        time_factor=over_time / off[0, REFERENCE],
     )

@@ -1,6 +1,7 @@
 """Most points of a surface need not be solved: answers that change smoothly come from those around them.
 
-Whether they do is looked at everywhere; where not, as at a fold or where an amplifier saturates, all are solved.
+Whether they do is looked at everywhere; where not, as at a fold or where an amplifier saturates, points are solved:
+every second one first, and the rest where those are not smooth either.
 """
 
 from __future__ import annotations
@@ -10,25 +11,27 @@ from typing import NamedTuple
 
 import numpy as np
 
-from model.compiled import kernel
+from model.compiled import copy, kernel
 from model.dielectrics import Array
-from model.gain_curves import Integers
+from model.gain_curves import Flags, Integers
 
 AROUND = 5  # solved places around one that is not: a quartic
 CHECKED = 6  # solved places of which the quartic through five is to find the other
 SMOOTH = 1e-4  # of an answer: what it may miss there; in between, nearer to its five, it misses about a tenth of that
+NEARER = 3.0  # times as much counts what is missed at the second step, where a kink makes less difference
 
 
 class Between(NamedTuple):
-    """Answers at all places on an axis from those at the places solved first.
+    """Answers at all places on an axis from those at some.
 
-    `solved` [k]: the numbers v of these; `number` [v]: the k of a solved place, else -1; `start` [k]: the first of the
-    five solved ones around the interval after k; `weight` [v, 5]: their weights at a place of it; `miss` [w, 6]: the
-    weights of what a quartic misses at one of the six from w on; `check` [k, 2]: which w tell about an interval.
+    `solved` [k]: the numbers v of these; `finer`: the stride of those to solve next where it is not smooth; `start`
+    [k]: the first of the five solved ones around the interval after k; `weight` [v, 5]: their weights at a place of it;
+    `miss` [w, 6]: the weights of what a quartic misses at one of the six from w on; `check` [k, 2]: which w tell about
+    an interval.
     """
 
     solved: Integers
-    number: Integers
+    finer: int
     start: Integers
     weight: Array
     miss: Array
@@ -37,11 +40,9 @@ class Between(NamedTuple):
 
 @lru_cache(maxsize=16)
 def between(count: int, stride: int) -> Between:
-    """Of `count` places every `stride` is solved first; all of them where they are few."""
+    """Of `count` places every `stride` is known; all of them where they are few."""
     stride = stride if count > CHECKED * stride else 1
     solved = np.unique(np.append(np.arange(0, count, stride), count - 1))
-    number = np.full(count, -1)
-    number[solved] = np.arange(solved.size)
     intervals, weight = np.arange(solved.size - 1 if stride > 1 else 0), np.zeros((count, AROUND))
     start = np.clip(intervals - 1, 0, max(solved.size - AROUND, 0))
     for k in intervals:
@@ -59,7 +60,14 @@ def between(count: int, stride: int) -> Between:
     last = max(len(miss) - 1, 0)
     nearest, other = np.clip(intervals - 2, 0, last), np.clip(intervals - 3, 0, last)
     other = np.where(other != nearest, other, np.clip(np.where(intervals < CHECKED // 2, 1, last - 1), 0, last))
-    return Between(solved, number, start, weight, miss, np.stack([nearest, other], axis=1))
+    return Between(solved, max(stride // 2, 1), start, weight, miss, np.stack([nearest, other], axis=1))
+
+
+def twice(count: int, stride: int) -> tuple[Between, Between]:
+    """From every `stride` of the places to every second of these in between, and from there to all."""
+    first = between(count, stride)
+    second = between(count, first.finer)
+    return first, second._replace(miss=second.miss * NEARER)
 
 
 def _lagrange(nodes: Integers, x: Integers) -> Array:
@@ -70,22 +78,20 @@ def _lagrange(nodes: Integers, x: Integers) -> Array:
 
 
 @kernel
-def fill_between(way: Between, values: Array, uneven: Integers) -> None:
-    """Fill in the `values` [v, c], and add to `uneven` [w] the columns that are not smooth there, or not numbers.
+def fill_between(way: Between, values: Array, uneven: Flags) -> None:
+    """Fill in the `values` [v, c], and mark in `uneven` [w, c] what is not smooth there, or not a number.
 
     What is filled in next to these is no more than a guess.
     """
     solved, _, start, weight, miss, _ = way
     columns = values.shape[1]
     for w in range(miss.shape[0]):
-        m0, m1, m2, m3, m4, m5 = miss[w, 0], miss[w, 1], miss[w, 2], miss[w, 3], miss[w, 4], miss[w, 5]
-        v0, v1, v2, v3, v4, v5 = solved[w], solved[w + 1], solved[w + 2], solved[w + 3], solved[w + 4], solved[w + 5]
+        count = 0  # most rows have none, and counting is faster than marking
         for c in range(columns):
-            off = (
-                m0 * values[v0, c] + m1 * values[v1, c] + m2 * values[v2, c]
-                + m3 * values[v3, c] + m4 * values[v4, c] + m5 * values[v5, c]
-            )  # fmt: skip
-            uneven[w] += not abs(off) <= SMOOTH * abs(values[v2, c])
+            count += _is_uneven(values, solved, miss, w, c)
+        if count > 0:
+            for c in range(columns):
+                uneven[w, c] |= _is_uneven(values, solved, miss, w, c)
     for k in range(start.size):
         w = start[k]
         v0, v1, v2, v3, v4 = solved[w], solved[w + 1], solved[w + 2], solved[w + 3], solved[w + 4]
@@ -99,12 +105,31 @@ def fill_between(way: Between, values: Array, uneven: Integers) -> None:
 
 
 @kernel
-def rough_places(way: Between, uneven: Integers, rough: Integers) -> int:
-    """List in `rough` the places left to solve, and count them."""
-    count = 0
+def _is_uneven(values: Array, solved: Integers, miss: Array, w: int, c: int) -> bool:
+    """Whether the quartic through five of the six solved places from `w` on misses the other."""
+    off = (
+        miss[w, 0] * values[solved[w], c] + miss[w, 1] * values[solved[w + 1], c]
+        + miss[w, 2] * values[solved[w + 2], c] + miss[w, 3] * values[solved[w + 3], c]
+        + miss[w, 4] * values[solved[w + 4], c] + miss[w, 5] * values[solved[w + 5], c]
+    )  # fmt: skip
+    return not abs(off) <= SMOOTH * abs(values[solved[w + 2], c])
+
+
+@kernel
+def rough_places(way: Between, uneven: Flags, wanted: Flags, rough: Integers) -> int:
+    """List in `rough` the places to solve next, mark the columns at each in `wanted` [v, c], and count the places."""
+    count, columns = 0, uneven.shape[1]
     for k in range(way.start.size):
-        if uneven[way.check[k, 0]] + uneven[way.check[k, 1]] > 0:
-            for v in range(way.solved[k] + 1, way.solved[k + 1]):
-                rough[count] = v
-                count += 1
+        one, other = way.check[k, 0], way.check[k, 1]
+        first = way.solved[k] + 1
+        found = False
+        for c in range(columns):
+            wanted[first, c] = uneven[one, c] | uneven[other, c]
+            found |= wanted[first, c]
+        if found:
+            for v in range(first, way.solved[k + 1]):
+                if v % way.finer == 0:
+                    copy(wanted[first], wanted[v])
+                    rough[count] = v
+                    count += 1
     return count

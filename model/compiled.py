@@ -14,6 +14,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from model.cache import cache_dir
 
@@ -48,10 +49,15 @@ def inlined(function: F) -> F:
     return _compiled(function, fastmath=False, inline="always")
 
 
-def _compiled(function: F, fastmath: bool | set[str], inline: str = "never") -> F:
+def uncounted(function: F) -> F:
+    """A kernel that makes no arrays, nor do those that it calls: no references are counted in any of them."""
+    return _compiled(function, fastmath=False, _nrt=False)
+
+
+def _compiled(function: F, fastmath: bool | set[str], inline: str = "never", **more: bool) -> F:
     config: Any = numba.config
     before, config.CACHE_DIR = config.CACHE_DIR, _FOLDER
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": fastmath, "inline": inline}
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": fastmath, "inline": inline, **more}
     try:
         return cast(F, numba.njit(cache=True, **options)(function))
     finally:
@@ -62,3 +68,11 @@ def _compiled(function: F, fastmath: bool | set[str], inline: str = "never") -> 
 def span(start: int, end: int) -> range:
     """range(start, end) of indices that do not count from the end: loops over them can run on vectors."""
     return range(np.uintp(start), np.uintp(end))
+
+
+@kernel
+def copy(source: NDArray[Any], to: NDArray[Any]) -> None:
+    """From one contiguous array to another; an assignment makes a third, in case that they overlap."""
+    one, other = source.reshape(source.size), to.reshape(to.size)
+    for k in range(one.size):
+        other[k] = one[k]

@@ -16,7 +16,7 @@ from model.pressure import TOLERANCE, divider, gain_of
 
 FOLD_STEPS = 2  # per pressure of a curve, at which the slope is looked at for a turn of V(p_e)
 BISECTIONS = 50
-CLOSE = 3e-6  # of q: the last step of an answer that was followed, whose gain is that before it
+CLOSE = 1e-5  # of q: the last step of an answer that was followed, whose gain is led on from that before it
 LEAP = 1.05  # in q: where the gain changes with the voltage, an answer this near is on the same branch
 FEW_STEPS = 8  # in which such an answer is found, if there is one
 ANSWER = 7  # numbers of an answer
@@ -42,6 +42,17 @@ def node_below(q_node: Array, q: float) -> int:
     while above < q_node.size and q_node[above] <= q:
         above += 1
     return min(max(above - 2, 0), q_node.size - 5)
+
+
+@kernel
+def cell_of(q_node: Array, q: float, near: int, first: int, last: int) -> int:
+    """The cell of a curve that holds `q`, or the last one on its side, looked for from one `near` it."""
+    cell = min(max(near, first), last - 1)
+    while cell < last - 1 and q > q_node[cell + 1]:
+        cell += 1
+    while cell > first and q < q_node[cell]:
+        cell -= 1
+    return cell
 
 
 @kernel
@@ -116,16 +127,13 @@ def search(
     """
     predicted, missed, cell = low, 0.0, first
     if answer[n, 0] > 0.0:
-        missed, cell = answer[n, 5], min(int(answer[n, 6]), last - 1)
+        missed, cell = answer[n, 5], int(answer[n, 6])
         predicted = answer[n, 0] + (answer[n, 3] * (square - answer[n, 2]) + base - answer[n, 1]) * answer[n, 4]
     q = guess if guess > 0.0 else predicted + missed
     if not low <= q <= high:
         q = low
     for _ in range(steps):
-        while cell < last - 1 and q > q_node[cell + 1]:
-            cell += 1
-        while cell > first and q < q_node[cell]:
-            cell -= 1
+        cell = cell_of(q_node, q, cell, first, last)
         i = stencil(cell, first, last)
         if i < from_node or i + 4 > to_node:
             return False
@@ -163,7 +171,8 @@ def follow(
     """
     predicted = answer[n, 0] + (answer[n, 3] * (square - answer[n, 2]) + base - answer[n, 1]) * answer[n, 4]
     low, high = max(predicted * (1.0 / LEAP), math.sqrt(base)), min(predicted * LEAP, q_node[-1])
-    q, compliance, cell = guess if guess > 0.0 else predicted + answer[n, 5], answer[n, 4], int(answer[n, 6])
+    compliance = answer[n, 4]
+    q = min(max(guess if guess > 0.0 else predicted + answer[n, 5], low), high)
     q_before = excess_before = 0.0
     for step in range(FEW_STEPS):
         if not low <= q <= high:
@@ -176,13 +185,13 @@ def follow(
         change = excess * compliance
         if abs(change) <= CLOSE * q and compliance > 0.0:
             q_new = q + change
-            while cell < q_node.size - 2 and q_new > q_node[cell + 1]:
-                cell += 1
-            while cell > 0 and q_new < q_node[cell]:
-                cell -= 1
             answer[n, 5] = q_new - predicted
             answer[n, 0], answer[n, 1], answer[n, 2] = q_new, base, square
-            answer[n, 3], answer[n, 4], answer[n, 6] = gain, compliance, cell
+            if square > 0.0:  # by the slope that belongs to the compliance, of which little is known in weak drives
+                steepest = 2.0 * gain / q
+                gain += min(max((2.0 * q - 1.0 / compliance) / square, -steepest), steepest) * change
+            answer[n, 3], answer[n, 4] = gain, compliance
+            answer[n, 6] = cell_of(q_node, q_new, int(answer[n, 6]), 0, q_node.size - 1)
             return True
         q_before, excess_before = q, excess
         q += change

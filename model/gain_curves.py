@@ -6,6 +6,7 @@ loses what the cap takes at each. A curve is an array over the nodes j of pressu
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from model.gap_table import LOOKED_UP, Refined, gap_nodes, lookup_row
 from model.pressure import divider, edge_of_cap, first_gap, jump_of_slope
 
 Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 
 class Stack(NamedTuple):
@@ -31,10 +33,15 @@ class Stack(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """The contact at the pressures of a curve, p^ and p in Pa: the share out of contact [j], gap table [j], h_rms."""
+    """The pressures of a curve [j], p^ and p in Pa, and the contact there: share out of contact, gap table, h_rms.
+
+    `q` is sqrt(p), `per_q` one over the distance to the next. `p`, `q` and `per_q` change with the finger's stiffness.
+    """
 
     p_hat: Array
     p: Array
+    q: Array
+    per_q: Array
     apart: Array
     table: Array
     h_scale: float
@@ -44,7 +51,7 @@ class Curve(NamedTuple):
     """Gain and admittance [j], work arrays that one frequency leaves to the next.
 
     For a cap: `x`, `y_square`, of the stack's length z over h_rms; `openness`, (|a| h_rms)^2, by which the gap's field
-    is weaker than V/h_rms.
+    is weaker than V/h_rms. `looked_up`: what `lookup` leaves.
     """
 
     gain: Array
@@ -52,6 +59,7 @@ class Curve(NamedTuple):
     x: Array
     y_square: Array
     openness: Array
+    looked_up: Array
 
 
 class GapSums(NamedTuple):
@@ -70,7 +78,8 @@ class GapSums(NamedTuple):
 
 def make_curve(pressures: int) -> Curve:
     """Empty work arrays."""
-    return Curve(*(np.empty(pressures) for _ in Curve._fields))
+    gain, admittance, x, y_square, openness = np.empty((5, pressures))
+    return Curve(gain, admittance, x, y_square, openness, np.empty(LOOKED_UP))
 
 
 def make_gap_sums(table: Refined) -> GapSums:
@@ -87,9 +96,8 @@ def fill_curve(
     That is three beyond the first that takes more than the mean `square` under the load `highest`, or the table's end.
     """
     h, k_gap, bypass, leak, shift = stacks
-    _, p, apart, table, h_scale = nodes
-    gains, admittances, x, y_square, openness = curve
-    out = np.empty(LOOKED_UP)
+    _, p, _, _, apart, table, h_scale = nodes
+    gains, admittances, x, y_square, openness, out = curve
     last = p.size - 1
     for j in range(first, p.size):
         beta, per_a, z = divider(h[i, v], k_gap[i, v], bypass[i, v], leak[i, v], shift[i, v], p[j])
@@ -112,12 +120,14 @@ def meet_cap(curve: Curve, sums: GapSums, first: int, last: int, crest_square: f
 
     Where `crest_square` is above it, the sums over gaps are made: K^ at each pressure, and over all smaller gaps.
     """
-    _, _, x, y_square, openness = curve
+    _, _, x, y_square, openness, _ = curve
     gap, mass, mass_below, lost, per_whole = sums
     met = np.inf
     for j in span(first, last + 1):
         met = min(met, openness[j] * (x[j] * x[j] + y_square[j]))
-    start = first_gap(x[last], y_square[last])  # of the shortest length: pressure widens the leak
+    start = first_gap(
+        0.5 * math.log(x[last] * x[last] + y_square[last])
+    )  # of the shortest length: pressure widens the leak
     if crest_square > met:
         for j in span(first, last + 1):
             lost[start, j] = mass_below[start, j] / (x[j] * x[j] + y_square[j])

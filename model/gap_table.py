@@ -42,6 +42,7 @@ NEAR = 12  # numbers of a row of the table around an angle: three at each of fou
 LOOKED_UP = 3 + NEAR  # what a look-up leaves: its three answers, and these
 
 Four = tuple[float, float, float, float]
+Length = tuple[float, float, int, Four, int, Four]  # see `length_of`
 
 
 class Refined(NamedTuple):
@@ -172,27 +173,34 @@ def lookup(flat: Array, p_hat: float, z_hat: complex, out: Array) -> bool:
     highest pressures, where hardly a gap is left). Beyond the lengths of the table its limits hold: K ~ 1/|z| below (P
     is constant there), K ~ 1/|z|^2 and L ~ 1/z above. K(conj z) = K(z), L(conj z) = conj L(z).
     """
-    i, wp, inside = _stencil(np.log(p_hat), LOG_P_AXIS[0], LOG_P_AXIS[1], LOG_P_AXIS[2])
-    log_z, angle, j, wz, k, wa = _length(z_hat)
+    row, weights, inside = row_of(p_hat)
+    lookup_between(flat, row, weights, length_of(z_hat), out)
+    return inside
+
+
+@kernel
+def lookup_between(flat: Array, row: int, weights: Four, length: Length, out: Array) -> None:
+    """The same at a place between four rows of the table, and one between its lengths."""
+    log_z, angle, j, wz, k, wa = length
     for m in range(NEAR):
         n = np.uintp(3 * k + m)
-        rows = wp[0] * _along_z(flat, i, j, wz, n) + wp[1] * _along_z(flat, i + 1, j, wz, n)
-        out[3 + m] = rows + wp[2] * _along_z(flat, i + 2, j, wz, n) + wp[3] * _along_z(flat, i + 3, j, wz, n)
+        rows = weights[0] * _along_z(flat, row, j, wz, n) + weights[1] * _along_z(flat, row + 1, j, wz, n)
+        rows += weights[2] * _along_z(flat, row + 2, j, wz, n) + weights[3] * _along_z(flat, row + 3, j, wz, n)
+        out[3 + m] = rows
     _finish(log_z, angle, wa, out)
-    return inside
 
 
 @kernel
 def lookup_row(flat: Array, row: int, z_hat: complex, out: Array) -> None:
     """The same at the pressure of one row of the table, or of the `refined` one."""
-    log_z, angle, j, wz, k, wa = _length(z_hat)
+    log_z, angle, j, wz, k, wa = length_of(z_hat)
     for m in range(NEAR):
         out[3 + m] = _along_z(flat, row, j, wz, np.uintp(3 * k + m))
     _finish(log_z, angle, wa, out)
 
 
 @kernel
-def _length(z_hat: complex) -> tuple[float, float, int, Four, int, Four]:
+def length_of(z_hat: complex) -> Length:
     """Logarithm and angle of a length, and the four nodes around each."""
     log_z, angle = 0.5 * log(z_hat.real**2 + z_hat.imag**2), atan2(z_hat.imag, z_hat.real)
     j, wz, _ = _stencil(log_z, LOG_Z_AXIS[0], LOG_Z_AXIS[1], LOG_Z_AXIS[2])
@@ -223,10 +231,9 @@ def _finish(log_z: float, angle: float, wa: Four, out: Array) -> None:
 
 
 @kernel
-def mass_at(p_hat: float) -> tuple[int, Four]:
-    """First row of `GapTable.mass` and the weights of four rows that give the distribution at `p_hat`."""
-    first, weights, _ = _stencil(np.log(p_hat), LOG_P_AXIS[0], LOG_P_AXIS[1], LOG_P_AXIS[2])
-    return first, weights
+def row_of(p_hat: float) -> tuple[int, Four, bool]:
+    """The first of the four rows around `p_hat`, their weights, and whether the table holds it."""
+    return _stencil(np.log(p_hat), LOG_P_AXIS[0], LOG_P_AXIS[1], LOG_P_AXIS[2])
 
 
 @kernel

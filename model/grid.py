@@ -13,11 +13,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from model.between import Between, between, fill_between, rough_places
+from model.between import Between, between, fill_between, rough_places, twice
 from model.chain import PreparedTouch
-from model.compiled import kernel
+from model.compiled import copy, kernel, uncounted
 from model.contact import area_ratio
 from model.current import density_per_v
 from model.dielectrics import Array
@@ -27,6 +26,7 @@ from model.equilibria import (
     LEAP,
     Spacing,
     at,
+    cell_of,
     fold,
     follow,
     guess_q,
@@ -38,6 +38,7 @@ from model.equilibria import (
 )
 from model.gain_curves import (
     Curve,
+    Flags,
     GapSums,
     Integers,
     Nodes,
@@ -48,10 +49,11 @@ from model.gain_curves import (
     make_gap_sums,
     meet_cap,
 )
-from model.gap_table import LOOKED_UP, GapTable
+from model.gap_table import GapTable
 from model.pressure import MAX_ITERATIONS, divider
 
-FREQUENCY_STRIDE, VOLTAGE_STRIDE = 2, 4  # from one that is solved first to the next
+ROW_STRIDE, VOLTAGE_STRIDE = 2, 4  # from one that is solved first to the next
+LED = 4  # voltages that lead to the next: a cubic
 NODES_PER_ROW = 2  # of the table: pressures on a curve; of fourth order between them
 
 
@@ -63,20 +65,32 @@ class Integrals(NamedTuple):
     mass_below: Array
 
 
-class Work(NamedTuple):
-    """Work arrays of one frequency.
+class Open(NamedTuple):
+    """What is left to solve of columns [c] at places on an axis: `wanted` [k, c], the `places` with any, and `uneven`.
 
-    `gain` [j] at one voltage; `end`, `end_gain`: fold per load; `answer` [n] as in `search`; `stored` [k], those of the
-    voltages solved first, from which the ones after them start. `even` [v, 2n]: of each equilibrium 1/sqrt(gain), then
-    one over its admittance, which change most evenly with the voltage; before that a guess, or NaN.
+    Work arrays of `between.py`, see there.
+    """
+
+    wanted: Flags
+    places: Integers
+    uneven: Flags
+
+
+class Work(NamedTuple):
+    """Work arrays of one row.
+
+    `gain` [j] at one voltage; `end`, `end_gain`: fold per load; `answer` [n] as in `search`. Of each equilibrium [v, n]
+    `per_root`, 1/sqrt(gain), and `per_admittance`, which change most evenly with the voltage; before that a guess, or
+    NaN. `open` is what is left to solve.
     """
 
     gain: Array
     end: Array
     end_gain: Array
     answer: Array
-    stored: Array
-    even: Array
+    per_root: Array
+    per_admittance: Array
+    open: Open
 
 
 @dataclass(frozen=True)
@@ -89,80 +103,102 @@ class GridSolution:
 
     electrostatic_pressure_pa: Array
     admittance_per_m: Array
-    pulled_in: NDArray[np.bool_]
+    pulled_in: Flags
 
 
 def solve_grid(table: GapTable, touch: PreparedTouch, load_pa: Array) -> GridSolution:
-    """Every frequency and voltage of `touch`, of shape (..., f, v) with voltage rising, under all of rising `load_pa`.
+    """Every frequency and voltage of `touch`, of shape (..., r, v) with voltage rising, under all of rising `load_pa`.
 
-    For touches without bias and of one roughness; their own loads are ignored. Answers are [..., f, v, n].
+    The rows r are frequencies, or speeds at each frequency before them. For touches without bias and of one roughness;
+    their own loads are ignored. Answers are [..., r, v, n].
     """
-    circuit, rows = touch.circuit, (-1, touch.shape[-1])
+    circuit, by_row = touch.circuit, (-1, touch.shape[-1])
     square, crest, added, limit, p_scale = (
-        x.reshape(rows)
+        x.reshape(by_row)
         for x in (
             circuit.mean_square_v2, circuit.crest_square, circuit.added_pa, circuit.field_limit_v_per_m,
             circuit.pressure_scale_pa,
         )
     )  # fmt: skip
     h, k_gap, bypass, leak = (
-        x.reshape(rows) for x in (circuit.h_m, circuit.k_gap, circuit.bypass_per_m, circuit.leak_per_m_pa)
+        x.reshape(by_row) for x in (circuit.h_m, circuit.k_gap, circuit.bypass_per_m, circuit.leak_per_m_pa)
     )
-    stacks = Stack(h, k_gap, bypass, leak, circuit.gap_shift_m.reshape(rows))
+    stacks = Stack(h, k_gap, bypass, leak, circuit.gap_shift_m.reshape(by_row))
     refined, h_scale, has_cap = table.refined(NODES_PER_ROW), circuit.length_scale_m[0], bool(np.isfinite(limit).any())
     p_hat = refined.p_hat
-    nodes = Nodes(p_hat, np.empty_like(p_hat), 1.0 - area_ratio(table.shape, p_hat), refined.flat, h_scale)
+    p, q, per_q = np.empty((3, p_hat.size))
+    nodes = Nodes(p_hat, p, q, per_q, 1.0 - area_ratio(table.shape, p_hat), refined.flat, h_scale)
     shape = (*square.shape, load_pa.size)
-    frequency_stride = FREQUENCY_STRIDE if len(touch.shape) == 2 else 1  # else rows are not on one axis
     (pressure, admittance), pulled_in = np.empty((2, *shape)), np.zeros(shape, dtype=np.bool_)
+    along_r, along_v = between(touch.shape[-2], ROW_STRIDE), twice(touch.shape[-1], VOLTAGE_STRIDE)
     _solve_grid(
         stacks, nodes, make_curve(p_hat.size), make_gap_sums(refined),
-        Integrals(table.flat, table.mass, table.mass_below), bends(stacks), to_series(np.sqrt(p_hat)),
-        between(shape[0], frequency_stride), between(shape[1], VOLTAGE_STRIDE), square,
+        Integrals(table.flat, table.mass, table.mass_below), bends(stacks), to_series(np.sqrt(p_hat)), along_r, along_v,
+        _make_open(along_r, pressure[0].size), _make_work(p_hat.size, along_v[1], load_pa.size), square,
         crest * np.abs(square) / limit**2, added, p_scale[:, 0], has_cap, load_pa, pressure, admittance, pulled_in,
     )  # fmt: skip
     whole = (*touch.shape, load_pa.size)
     return GridSolution(pressure.reshape(whole), admittance.reshape(whole), pulled_in.reshape(whole))
 
 
-def bends(stacks: Stack) -> NDArray[np.bool_]:
+def bends(stacks: Stack) -> Flags:
     """Whether the stack changes with the voltage, at each frequency [f]."""
     return np.asarray(np.any([np.any(x != x[:, :1], axis=1) for x in stacks], axis=0))
 
 
-@kernel
-def _solve_grid(
-    stacks: Stack, nodes: Nodes, curve: Curve, sums: GapSums, integrals: Integrals, bent: NDArray[np.bool_],
-    spacing: Spacing, along_f: Between, along_v: Between, square: Array, crest_square: Array, added: Array,
-    p_scale: Array, has_cap: bool, load: Array, pressure: Array, admittance: Array, pulled_in: NDArray[np.bool_],
-) -> None:  # fmt: skip
-    """Some frequencies, those between, and from gains to pressures.
+def _make_open(along: Between, columns: int) -> Open:
+    """Empty work arrays."""
+    places = along.weight.shape[0]
+    wanted, uneven = (np.empty((count, columns), dtype=np.bool_) for count in (places, len(along.miss)))
+    return Open(wanted, np.empty(places, dtype=np.int64), uneven)
 
-    `bent` [f] as of `bends`; `crest_square` [f, v]: (peak voltage over the field's cap)^2, m^2. Until the end pressure
-    and admittance hold what `Work.even` does.
+
+def _make_work(pressures: int, along_v: Between, loads: int) -> Work:
+    """Empty work arrays; an answer's last cell is asked for before there is one."""
+    per_root, per_admittance = np.empty((2, along_v.weight.shape[0], loads))
+    return Work(
+        np.empty(pressures), np.empty(loads), np.empty(loads), np.zeros((loads, ANSWER)), per_root, per_admittance,
+        _make_open(along_v, loads),
+    )  # fmt: skip
+
+
+@uncounted
+def _solve_grid(
+    stacks: Stack, nodes: Nodes, curve: Curve, sums: GapSums, integrals: Integrals, bent: Flags, spacing: Spacing,
+    along_r: Between, along_v: tuple[Between, Between], left: Open, work: Work, square: Array, crest_square: Array,
+    added: Array, p_scale: Array, has_cap: bool, load: Array, pressure: Array, admittance: Array, pulled_in: Flags,
+) -> None:  # fmt: skip
+    """Some rows of each axis of them, those between, and from gains to pressures.
+
+    `bent` [r] as of `bends`; `crest_square` [r, v]: (peak voltage over the field's cap)^2, m^2. Until the end pressure
+    and admittance hold `Work.per_root` and `Work.per_admittance`.
     """
-    frequencies, voltages, loads = pressure.shape
-    q_node, per_q, scale = np.empty(nodes.p.size), np.empty(nodes.p.size - 1), 0.0
-    work = _make_work(q_node.size, along_v.solved.size, voltages, loads)
-    rough, uneven = np.empty(frequencies, dtype=np.int64), np.zeros(len(along_f.miss), dtype=np.int64)
-    which = along_f.solved
-    for attempt in range(2):
-        for i in which:
-            if p_scale[i] != scale:
-                scale = p_scale[i]
-                _lay_nodes(nodes, scale, q_node, per_q)
-            _solve_frequency(
-                stacks, i, nodes, curve, sums, integrals, bent[i], work, q_node, per_q, spacing, along_v, square[i],
-                crest_square[i], added[i], scale, has_cap, load, pulled_in[i],
-            )  # fmt: skip
-            for v in range(voltages):
-                for n in range(loads):
-                    pressure[i, v, n], admittance[i, v, n] = work.even[v, n], work.even[v, loads + n]
-        if attempt == 0:
-            for values in (pressure, admittance):
-                fill_between(along_f, values.reshape(frequencies, voltages * loads), uneven)
-            which = rough[: rough_places(along_f, uneven, rough)]
-    for i in range(frequencies):
+    rows, voltages, loads = pressure.shape
+    length, columns, scale = left.places.size, voltages * loads, 0.0
+    for start in range(0, rows, length):
+        which = along_r.solved
+        for attempt in range(2):
+            for r in which:
+                i = start + r
+                if p_scale[i] != scale:
+                    scale = p_scale[i]
+                    _lay_nodes(nodes, scale)
+                guessed = attempt > 0 and bent[i]  # else a curve answers for the whole row
+                if guessed:
+                    copy(pressure[i], work.per_root)
+                    copy(admittance[i], work.per_admittance)
+                    copy(left.wanted[r], work.open.wanted)
+                _solve_row(
+                    stacks, i, nodes, curve, sums, integrals, bent[i], guessed, work, spacing, along_v, square[i],
+                    crest_square[i], added[i], scale, has_cap, load, pulled_in[i],
+                )  # fmt: skip
+                copy(work.per_root, pressure[i])
+                copy(work.per_admittance, admittance[i])
+            if attempt == 0:
+                axis = slice(start, start + length)
+                values = pressure[axis].reshape(length, columns), admittance[axis].reshape(length, columns)
+                which = left.places[: _fill(along_r, *values, left)]
+    for i in range(rows):
         for v in range(voltages):
             for n in range(loads):
                 pressure[i, v, n] = square[i, v] / (pressure[i, v, n] * pressure[i, v, n])
@@ -170,90 +206,150 @@ def _solve_grid(
 
 
 @kernel
-def _solve_frequency(
-    stacks: Stack, i: int, nodes: Nodes, curve: Curve, sums: GapSums, integrals: Integrals, bent: bool, work: Work,
-    q_node: Array, per_q: Array, spacing: Spacing, along_v: Between, square: Array, crest_square: Array, added: Array,
-    p_scale: float, has_cap: bool, load: Array, pulled_in: NDArray[np.bool_],
+def _fill(way: Between, per_root: Array, per_admittance: Array, left: Open) -> int:
+    """Fill in what is between, list the places that are left, and count them."""
+    uneven = left.uneven[: way.miss.shape[0]]
+    uneven[:] = False
+    fill_between(way, per_root, uneven)
+    fill_between(way, per_admittance, uneven)
+    return rough_places(way, uneven, left.wanted, left.places)
+
+
+@kernel
+def _solve_row(
+    stacks: Stack, i: int, nodes: Nodes, curve: Curve, sums: GapSums, integrals: Integrals, bent: bool, guessed: bool,
+    work: Work, spacing: Spacing, along_v: tuple[Between, Between], square: Array, crest_square: Array, added: Array,
+    p_scale: float, has_cap: bool, load: Array, pulled_in: Flags,
 ) -> None:  # fmt: skip
-    """Some voltages of one frequency under every load, and those between."""
-    least, highest, most_square = added.min(), load[-1] + added.max(), square.max()
-    first = node_below(q_node, math.sqrt(load[0] + least))
-    last, met, start = q_node.size - 1, np.inf, 0
+    """Some voltages of one row under every load, and those between; where all is `guessed`, what is wanted only."""
+    (least, most), (_, most_square), (_, most_crest) = _range(added), _range(square), _range(crest_square)
+    highest = load[-1] + most
+    first = node_below(nodes.q, math.sqrt(load[0] + least))
+    last, met, start, level = nodes.q.size - 1, np.inf, 0, 0
     if not bent:
         last = fill_curve(stacks, i, 0, nodes, first, most_square, highest, curve)
         if has_cap:
-            met, start = meet_cap(curve, sums, first, last, crest_square.max())
-    rough, uneven = np.empty(square.size, dtype=np.int64), np.zeros(len(along_v.miss), dtype=np.int64)
-    which = along_v.solved
-    for attempt in range(2):
+            met, start = meet_cap(curve, sums, first, last, most_crest)
+    which = along_v[0].solved
+    if guessed:
+        level, which = len(along_v), work.open.places[: _any_wanted(work.open)]
+    else:
+        work.open.wanted[:] = True
+    while which.size > 0:
         if bent:
             _follow_voltages(
-                stacks, i, integrals, nodes, curve, sums, work, q_node, per_q, spacing, first, which, along_v.number,
-                square, most_square, crest_square, added, p_scale, load, highest, pulled_in,
+                stacks, i, integrals, nodes, curve, sums, work, spacing, first, which, level > 0, square, most_square,
+                crest_square, added, p_scale, load, highest, pulled_in,
             )  # fmt: skip
         else:
             _solve_voltages(
-                curve, sums, work, q_node, per_q, spacing, first, last, which, along_v.number, square, crest_square,
-                added, least, has_cap, met, start, load, pulled_in,
+                nodes, curve, sums, work, spacing, first, last, which, level > 0, square, crest_square, added, least,
+                has_cap, met, start, load, pulled_in,
             )  # fmt: skip
-        if attempt == 0:
-            fill_between(along_v, work.even, uneven)
-            which = rough[: rough_places(along_v, uneven, rough)]
+        if level == len(along_v):
+            break
+        which = work.open.places[: _fill(along_v[level], work.per_root, work.per_admittance, work.open)]
+        level += 1
 
 
 @kernel
-def _make_work(pressures: int, stored: int, voltages: int, loads: int) -> Work:
-    """Empty work arrays."""
-    return Work(
-        np.empty(pressures), np.empty(loads), np.empty(loads), np.empty((loads, ANSWER)),
-        np.empty((stored, loads, ANSWER)), np.empty((voltages, 2 * loads)),
-    )  # fmt: skip
+def _range(values: Array) -> tuple[float, float]:
+    """The least and the greatest."""
+    low = high = values[0]
+    for value in values:
+        low, high = min(low, value), max(high, value)
+    return low, high
 
 
 @kernel
-def _lay_nodes(nodes: Nodes, p_scale: float, q_node: Array, per_q: Array) -> None:
-    """Pressures of the curves and their roots q, and one over the distance to the next."""
-    for j in range(q_node.size):
+def _any_wanted(left: Open) -> int:
+    """List the places at which something is wanted, and count them."""
+    count = 0
+    for v in range(left.places.size):
+        found = False
+        for n in range(left.wanted.shape[1]):
+            found |= left.wanted[v, n]
+        if found:
+            left.places[count] = v
+            count += 1
+    return count
+
+
+@kernel
+def _lay_nodes(nodes: Nodes, p_scale: float) -> None:
+    """The pressures of the curves for another stiffness."""
+    for j in range(nodes.p.size):
         nodes.p[j] = nodes.p_hat[j] * p_scale
-        q_node[j] = math.sqrt(nodes.p[j])
-    for j in range(per_q.size):
-        per_q[j] = 1.0 / (q_node[j + 1] - q_node[j])
+        nodes.q[j] = math.sqrt(nodes.p[j])
+    for j in range(nodes.p.size - 1):
+        nodes.per_q[j] = 1.0 / (nodes.q[j + 1] - nodes.q[j])
 
 
 @kernel
-def _begin(turn: int, voltages: Integers, number: Integers, answer: Array, stored: Array, even: Array) -> int:
-    """The voltage of a turn, with the answers that it starts from, and guesses where it has none yet."""
+def _lead_on(turn: int, voltages: Integers, even: Array) -> None:
+    """A guess of what is `even` [v, n] at the voltage of a turn, from the last ones; NaN where there are too few."""
+    v = voltages[turn]
+    even[v] = np.nan
+    if turn >= LED and v - voltages[turn - LED] == LED * (v - voltages[turn - 1]):  # evenly spaced
+        v1, v2, v3, v4 = voltages[turn - 1], voltages[turn - 2], voltages[turn - 3], voltages[turn - 4]
+        for n in range(even.shape[1]):
+            even[v, n] = 4.0 * (even[v1, n] + even[v3, n]) - 6.0 * even[v2, n] - even[v4, n]
+
+
+@kernel
+def _start_from_guesses(
+    v: int, per_root: Array, square: Array, added: Array, load: Array, q_node: Array, answer: Array
+) -> None:
+    """As the last answers of every load those that the guesses around the voltage `v` stand for; none without."""
+    before, after = max(v - 1, 0), min(v + 1, square.size - 1)
+    for n in range(load.size):
+        base = load[n] + added[v]
+        q, gain = guess_q(per_root[v, n], base, square[v]), 1.0 / (per_root[v, n] * per_root[v, n])
+        q_before = guess_q(per_root[before, n], load[n] + added[before], square[before])
+        q_after = guess_q(per_root[after, n], load[n] + added[after], square[after])
+        compliance = (q_after - q_before) / (gain * (square[after] - square[before]))
+        answer[n, 0], answer[n, 1], answer[n, 2] = q if q > 0.0 else -1.0, base, square[v]
+        answer[n, 3], answer[n, 4] = gain, compliance if compliance > 0.0 else 0.5 / q
+        answer[n, 5], answer[n, 6] = 0.0, cell_of(q_node, q, int(answer[n, 6]), 0, q_node.size - 1)
+
+
+@kernel
+def _begin(
+    turn: int, voltages: Integers, guessed: bool, work: Work, square: Array, added: Array, load: Array, q_node: Array
+) -> int:
+    """The voltage of a turn, with guesses, and the answers that it starts from."""
     v = int(voltages[turn])
+    if guessed:
+        _start_from_guesses(v, work.per_root, square, added, load, q_node, work.answer)
+        return v
     if v == 0:
-        answer[:, 0] = -1.0
-    elif number[v - 1] >= 0:
-        answer[:] = stored[number[v - 1]]
-    if number[v] >= 0:
-        even[v] = np.nan
-        if turn >= 4 and v - voltages[turn - 4] == 4 * (v - voltages[turn - 1]):  # evenly spaced: a cubic leads on
-            v1, v2, v3, v4 = voltages[turn - 1], voltages[turn - 2], voltages[turn - 3], voltages[turn - 4]
-            for c in range(even.shape[1]):
-                even[v, c] = 4.0 * (even[v1, c] + even[v3, c]) - 6.0 * even[v2, c] - even[v4, c]
+        for n in range(load.size):
+            base, answer = load[n] + added[0], work.answer[n]
+            q = math.sqrt(base)
+            answer[0], answer[1], answer[2], answer[3], answer[4], answer[5] = q, base, 0.0, 0.0, 0.5 / q, 0.0
+            answer[6] = cell_of(q_node, q, 0, 0, q_node.size - 1)
+    _lead_on(turn, voltages, work.per_root)
     return v
 
 
 @kernel
 def _solve_voltages(  # noqa: PLR0912, PLR0915 (one visible algorithm)
-    curve: Curve, sums: GapSums, work: Work, q_node: Array, per_q: Array, spacing: Spacing, first: int, last: int,
-    voltages: Integers, number: Integers, square: Array, crest_square: Array, added: Array, least: float, has_cap: bool,
-    met: float, start: int, load: Array, pulled_in: NDArray[np.bool_],
+    nodes: Nodes, curve: Curve, sums: GapSums, work: Work, spacing: Spacing, first: int, last: int, voltages: Integers,
+    guessed: bool, square: Array, crest_square: Array, added: Array, least: float, has_cap: bool, met: float,
+    start: int, load: Array, pulled_in: Flags,
 ) -> None:  # fmt: skip
     """<V^2>(p_e) = <V^2> at some `voltages` of one frequency, inverted by Newton's method within the rising part.
 
-    `number` [v]: which of those solved first a voltage is, or -1. The cap is met where `crest_square` [v] is above
-    `met`, in gaps from number `start` on. `least` of the pressure `added`.
+    `guessed`: from guesses, and what is wanted only. The cap is met where `crest_square` [v] is above `met`, in gaps
+    from number `start` on. `least` of the pressure `added`.
     """
-    gain, end, end_gain, answer, stored, even = work  # numba counts references whenever a record's array is named:
-    uncapped, current, x, y_square, openness = curve  # so not in the loops
+    gain, end, end_gain, answer, per_root, per_admittance, left = work
+    uncapped, current, x, y_square, openness, _ = curve
+    q_node, per_q, wanted = nodes.q, nodes.per_q, left.wanted
     gap, mass, mass_below, lost, per_whole = sums
     p_low, p_high, reach, was_capped = q_node[0] ** 2, q_node[-1] ** 2, start, False
     for turn in range(voltages.size):
-        v = _begin(turn, voltages, number, answer, stored, even)
+        v = _begin(turn, voltages, guessed, work, square, added, load, q_node)
         is_capped = has_cap and crest_square[v] > met
         low, high, fresh = first, last, turn > 0 and not is_capped and not was_capped
         was_capped = is_capped
@@ -261,6 +357,9 @@ def _solve_voltages(  # noqa: PLR0912, PLR0915 (one visible algorithm)
             low, high = _needed(answer, first, last)
         n, alone, guess = 0, -1, 0.0
         while n < load.size:
+            if not wanted[v, n]:
+                n += 1
+                continue
             if not fresh:
                 if is_capped:
                     reach = cap_gains(
@@ -268,12 +367,12 @@ def _solve_voltages(  # noqa: PLR0912, PLR0915 (one visible algorithm)
                         crest_square[v], low, high, gain,
                     )  # fmt: skip
                 else:
-                    gain[:] = uncapped
+                    copy(uncapped, gain)
                 fresh = True
             base, before = load[n] + added[v], answer[n, 0]
             if alone != n:
-                guess = guess_q(even[v, n], base, square[v])
-                even[v, n] = even[v, load.size + n] = np.nan
+                guess = guess_q(per_root[v, n], base, square[v])
+                per_root[v, n] = per_admittance[v, n] = np.nan
             if not p_low <= base < p_high:
                 n += 1
                 continue
@@ -302,18 +401,16 @@ def _solve_voltages(  # noqa: PLR0912, PLR0915 (one visible algorithm)
                 continue
             j = stencil(int(answer[n, 6]), first, last)
             there = (answer[n, 0] - q_node[j]) * per_q[j]
-            even[v, n] = 1.0 / math.sqrt(answer[n, 3])
-            even[v, load.size + n] = 1.0 / at(power_series(spacing, current, j), there)[0]
+            per_root[v, n] = 1.0 / math.sqrt(answer[n, 3])
+            per_admittance[v, n] = 1.0 / at(power_series(spacing, current, j), there)[0]
             n += 1
-        if number[v] >= 0:
-            stored[number[v]] = answer
 
 
 @kernel
 def _follow_voltages(
-    stacks: Stack, i: int, integrals: Integrals, nodes: Nodes, curve: Curve, sums: GapSums, work: Work, q_node: Array,
-    per_q: Array, spacing: Spacing, first: int, voltages: Integers, number: Integers, square: Array, most_square: float,
-    crest_square: Array, added: Array, p_scale: float, load: Array, highest: float, pulled_in: NDArray[np.bool_],
+    stacks: Stack, i: int, integrals: Integrals, nodes: Nodes, curve: Curve, sums: GapSums, work: Work,
+    spacing: Spacing, first: int, voltages: Integers, guessed: bool, square: Array, most_square: float,
+    crest_square: Array, added: Array, p_scale: float, load: Array, highest: float, pulled_in: Flags,
 ) -> None:  # fmt: skip
     """The same where the stack changes with the voltage: each answer leads to the next voltage's, without a curve.
 
@@ -321,16 +418,19 @@ def _follow_voltages(
     """
     h, k_gap, bypass, leak, shift = stacks
     flat, mass, mass_below = integrals
-    gain, _, _, answer, stored, even = work
-    gap, apart, current, h_scale, out = sums.gap, nodes.apart, curve.admittance, nodes.h_scale, np.empty(LOOKED_UP)
+    gain, _, _, answer, per_root, per_admittance, left = work
+    q_node, per_q, wanted = nodes.q, nodes.per_q, left.wanted
+    gap, apart, current, h_scale, out = sums.gap, nodes.apart, curve.admittance, nodes.h_scale, curve.looked_up
     p_low, p_high = q_node[0] ** 2, q_node[-1] ** 2
     for turn in range(voltages.size):
-        v = _begin(turn, voltages, number, answer, stored, even)
+        v = _begin(turn, voltages, guessed, work, square, added, load, q_node)
         last, reach = -1, math.sqrt(crest_square[v])
         for n in range(load.size):
+            if not wanted[v, n]:
+                continue
             base = load[n] + added[v]
-            guess = guess_q(even[v, n], base, square[v])
-            even[v, n] = even[v, load.size + n] = np.nan
+            guess = guess_q(per_root[v, n], base, square[v])
+            per_root[v, n] = per_admittance[v, n] = np.nan
             if not p_low <= base < p_high:
                 continue
             found = answer[n, 0] > 0.0
@@ -360,15 +460,13 @@ def _follow_voltages(
                 )  # fmt: skip
                 j = stencil(int(answer[n, 6]), first, last)
                 density = at(power_series(spacing, current, j), (answer[n, 0] - q_node[j]) * per_q[j])[0]
-            even[v, n], even[v, load.size + n] = 1.0 / math.sqrt(answer[n, 3]), 1.0 / density
-        if number[v] >= 0:
-            stored[number[v]] = answer
+            per_root[v, n], per_admittance[v, n] = 1.0 / math.sqrt(answer[n, 3]), 1.0 / density
 
 
 @kernel
 def _cap_curve(curve: Curve, sums: GapSums, first: int, last: int, crest_square: float, gain: Array) -> None:
     """The gain that a cap leaves of a whole curve."""
-    gain[:] = curve.gain
+    copy(curve.gain, gain)
     if crest_square > 0.0:
         met, start = meet_cap(curve, sums, first, last, crest_square)
         if crest_square > met:

@@ -13,12 +13,23 @@ import numpy as np
 
 from model.compiled import inlined, kernel, kernel_of_sums, span
 from model.dielectrics import EPS0, Array, ComplexArray
-from model.gap_table import LOG_P_AXIS, LOG_U_AXIS, LOOKED_UP, Four, GapTable, gap_nodes, lookup, mass_at
+from model.gap_table import (
+    LOG_P_AXIS,
+    LOG_U_AXIS,
+    LOOKED_UP,
+    Four,
+    GapTable,
+    gap_nodes,
+    length_of,
+    lookup_between,
+    row_of,
+)
 
 TOLERANCE = 1e-10
 MAX_ITERATIONS = 200
 MOST_GROWTH = 1.15  # of the pressure per step while no equilibrium has been bracketed
-NARROW = 1e-4  # of the stack's length: in narrower gaps the field is that of none, and they carry about 1 % of K^
+# of the stack's length: in narrower gaps the field is that of none, and they carry about 1 % of K^
+LOG_NARROW = math.log(1e-4)
 
 
 @dataclass(frozen=True)
@@ -81,38 +92,42 @@ def gain_of(
 
     `per_a` is 1/(a h_rms); `reach` is the peak voltage over the cap of the local field, m; 0 without one.
     """
-    lookup(flat, p_hat, z_hat, out)
+    row, weights, _ = row_of(p_hat)
+    length = length_of(z_hat)
+    lookup_between(flat, row, weights, length, out)
     field = math.sqrt(per_a.real * per_a.real + per_a.imag * per_a.imag)
-    kept = _kept_share(mass, mass_below, gap, p_hat, z_hat, reach * field) if reach > 0.0 else 1.0
-    return float(0.5 * EPS0 * out[0] * field * field * kept)
+    gain = 0.5 * EPS0 * out[0] * field * field
+    if reach > 0.0:
+        start, closest = first_gap(length[0]), reach * field
+        if closest * closest > (gap[start] + z_hat.real) ** 2 + z_hat.imag * z_hat.imag:
+            gain *= _kept_share(mass, mass_below, gap, row, weights, z_hat, start, closest)
+    return float(gain)
 
 
 @kernel
-def first_gap(x: float, y_square: float) -> int:
-    """The first gap that is not narrow beside the length z = x + iy."""
-    return max(_node_of(NARROW * math.sqrt(x * x + y_square)), 1)
+def first_gap(log_z: float) -> int:
+    """The first gap that is not narrow beside a length of this logarithm."""
+    return max(_node_of(log_z + LOG_NARROW), 1)
 
 
 @kernel
-def _node_of(gap: float) -> int:
+def _node_of(log_u: float) -> int:
     """The node at or below a gap."""
-    return int((math.log(gap) - LOG_U_AXIS[0]) / LOG_U_AXIS[2])
+    return int((log_u - LOG_U_AXIS[0]) / LOG_U_AXIS[2])
 
 
 @kernel
-def _kept_share(mass: Array, mass_below: Array, gap: Array, p_hat: float, z_hat: complex, closest: float) -> float:
-    """Share of K^ that a cap on the local field leaves; `closest` is |u + z| at which the field meets it, per h_rms."""
+def _kept_share(
+    mass: Array, mass_below: Array, gap: Array, row: int, weights: Four, z_hat: complex, start: int, closest: float
+) -> float:
+    """Share of K^ that a cap on the local field leaves; `closest` is |u + z| at which the field meets it, per h_rms.
+
+    Between four rows of the table; `start` is the first gap that is not narrow.
+    """
     x, y_square, closest_square = z_hat.real, z_hat.imag * z_hat.imag, closest * closest
-    if closest_square <= x * x + y_square:
-        return 1.0
-    start = first_gap(x, y_square)
-    if closest_square <= (gap[start] + x) ** 2 + y_square:
-        return 1.0
-    edge_node = _node_of(math.sqrt(closest_square - y_square) - x)
-    reach = max(start + 1, min(edge_node - 1, gap.size - 1))  # one less, against rounding
-    while reach < gap.size - 1 and (gap[reach] + x) ** 2 + y_square < closest_square:
-        reach += 1
-    row, weights = mass_at(p_hat)
+    reach = max(start + 1, min(_node_of(math.log(math.sqrt(closest_square - y_square) - x)), gap.size - 3))
+    reach += (gap[reach] + x) ** 2 + y_square < closest_square  # the first gap beyond the cap, rounding or not
+    reach += (gap[reach] + x) ** 2 + y_square < closest_square
     lost = _between(mass_below, start, row, weights) / (x * x + y_square)
     lost += _sum_gaps(mass, gap, row, weights, x, y_square, start, reach)
     rest = _sum_gaps(mass, gap, row, weights, x, y_square, reach, gap.size)

@@ -18,7 +18,7 @@ from model.chain import PreparedTouch, prepare
 from model.dielectrics import EPS0, Array, ComplexArray
 from model.effects.base import SPEED_REFERENCE_M_S
 from model.errors import ModelError
-from model.gap_table import gap_nodes, mass_at
+from model.gap_table import gap_nodes, row_of
 from model.pressure import GapCircuit
 from model.touch import Drive
 from model.touch_model import MEAN_SQUARE, TouchModel
@@ -227,7 +227,7 @@ _SHARED = (
 
 def _mass(model: TouchModel, circuit: GapCircuit, pressure_pa: Array) -> Array:
     """P(u) du [u] under one pressure, by the gap table's own distributions."""
-    row, weights = mass_at(float((pressure_pa / circuit.pressure_scale_pa)[0]))
+    row, weights, _ = row_of(float((pressure_pa / circuit.pressure_scale_pa)[0]))
     return np.asarray(np.array(weights) @ model.table.mass[row : row + 4])
 
 

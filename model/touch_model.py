@@ -188,26 +188,27 @@ class TouchModel:
         return answer
 
     def cof_at_speeds(self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: Array) -> Array:
-        """Friction [s, f, v, n] of a `surface` at each speed [s] and time 0, solved at once."""
+        """Friction [f, s, v, n] of a `surface` at each speed [s] and time 0, solved at once."""
+        axes = frequency_hz, voltage_v, normal_force_n
         if self.description.is_published:
-            return np.stack([self.surface(frequency_hz, voltage_v, normal_force_n, s).cof for s in speed_m_s.tolist()])
+            return np.stack([self.surface(*axes, s).cof for s in speed_m_s.tolist()], axis=1)
         p = self.description.values
-        drive, touch = self._grid(frequency_hz, voltage_v, normal_force_n, speed_m_s[:, None, None], 0.0)
+        drive, touch = self._grid(frequency_hz[:, None], voltage_v, normal_force_n, speed_m_s[:, None], 0.0)
         force = grid.solve_grid(self.table, touch, normal_force_n / p.contact_area_m2).electrostatic_pressure_pa
         force *= p.contact_area_m2
-        shape = speed_m_s.size, frequency_hz.size, voltage_v.size, normal_force_n.size
+        shape = frequency_hz.size, speed_m_s.size, voltage_v.size, normal_force_n.size
         cof = np.array(np.broadcast_to(self._grid_cof(touch, force, normal_force_n), shape))
         if _attracts_undriven(drive, touch):
-            cof[:, :, 0] = self._undriven(normal_force_n, speed_m_s, 0.0).cof.reshape(speed_m_s.size, 1, -1)
+            cof[:, :, 0] = self._undriven(normal_force_n, speed_m_s, 0.0).cof.reshape(speed_m_s.size, -1)
         return cof
 
     def _grid(
         self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: Values, time_s: float
     ) -> tuple[Drive, PreparedTouch]:
-        """Every frequency and voltage by a sine, after further axes of speed, ready for `solve_grid`."""
+        """Every frequency and voltage by a sine, ready for `solve_grid`; speeds may be an axis between the two."""
         drive = Drive(
-            frequency_hz=frequency_hz[:, None],
-            voltage_v=voltage_v[None, :],
+            frequency_hz=frequency_hz[..., None],
+            voltage_v=voltage_v,
             voltage_offset_v=0.0,
             mean_square_factor=MEAN_SQUARE["sine"],
             normal_force_n=normal_force_n[0],

@@ -87,9 +87,9 @@ def test_a_surface_follows_stack_and_field_that_bend_together(fresh_tables, mode
         name: {p.name: Parameter(float(p.from_normal(deviations)), p.unit, "") for p in BY_NAME[name].parameters()}
         for name in BENDING
     }
-    follow_single_conditions(
-        fresh_tables(TouchModel(replace(models["reference"].description, effect_parameters=values)))
-    )
+    model = fresh_tables(TouchModel(replace(models["reference"].description, effect_parameters=values)))
+    follow_single_conditions(model)
+    follow_single_conditions(model, np.geomspace(1.0, 1e6, 100))  # half of them solved, or less
 
 
 @pytest.mark.parametrize("kind", CATALOGUE, ids=lambda kind: kind.name)
@@ -124,8 +124,21 @@ def follow_single_conditions(model: TouchModel, f: np.ndarray | None = None, v: 
 def test_speeds_at_once_are_the_surfaces_of_each(with_effect, kind) -> None:
     model, speed = with_effect(kind), np.array([0.0, 0.003, 0.02, 0.4])
     at_once = model.cof_at_speeds(F, V, N, speed)
-    for got, s in zip(at_once, speed, strict=True):
+    for got, s in zip(at_once.swapaxes(0, 1), speed, strict=True):
         np.testing.assert_allclose(got, model.surface(F, V, N, speed_m_s=float(s)).cof, rtol=1e-12)  # rounding
+
+
+@pytest.mark.parametrize("kind", [kind for kind in CATALOGUE if "speed_m_s" in kind.needs], ids=lambda kind: kind.name)
+@pytest.mark.parametrize("deviations", [1.0, 0.0, -1.0, -2.0])
+def test_between_solved_speeds_friction_is_that_of_single_conditions(
+    fresh_tables, models, kind, deviations: float
+) -> None:
+    values = {p.name: Parameter(float(p.from_normal(deviations)), p.unit, "") for p in kind.parameters()}
+    model = fresh_tables(TouchModel(replace(models["reference"].description, effect_parameters={kind.name: values})))
+    speed = np.geomspace(8e-4, 0.5, 15)
+    f, s, v, n = (x.ravel() for x in np.meshgrid(F, speed, V, N, indexing="ij"))
+    expected = model.predict(Conditions(f, v, n, speed_m_s=s)).cof
+    np.testing.assert_allclose(model.cof_at_speeds(F, V, N, speed).ravel(), expected, rtol=1e-4)  # as SMOOTH
 
 
 def test_a_cap_bends_the_force_without_steps(models, fresh_tables) -> None:

@@ -221,4 +221,4 @@ class TestFile:
 def test_speed_does_not_change_a_published_surface(published) -> None:
     model, axes = published(), (np.array([30.0, 250.0, 3e3]), np.array([0.0, 60.0, 120.0]), np.array([0.3, 1.0]))
     cof = model.cof_at_speeds(*axes, np.array([0.005, 0.2]))
-    np.testing.assert_array_equal(cof, np.stack([model.surface(*axes).cof] * 2))
+    np.testing.assert_array_equal(cof, np.stack([model.surface(*axes).cof] * 2, axis=1))
