@@ -19,10 +19,14 @@ from model.effects.base import SPEED_REFERENCE_M_S
 from model.touch_model import Conditions, TouchModel
 
 MOST_POINTS = 20_000_000
+# glibc keeps freed memory up to twice the largest block that was freed, so a large one is, unused: pages given back and
+# got again would take up to 3 ms of each rebuild.
+KEPT_BYTES = 32 * 2**20 - 2**13
 CORRECTION_FREQUENCIES = 25
 CORRECTION_SPEEDS_M_S = SPEED_REFERENCE_M_S * 25.0 ** np.linspace(-1.0, 1.0, 15)
 REFERENCE = 7  # of these speeds: the one at which surfaces are solved
 CORRECTION_VOLTAGES = np.array([0.1, 0.3, 0.5, 0.65, 0.8, 0.9, 1.0])  # of the highest
+LEAST_RISE = 1e-9  # of friction without voltage: a smaller one is rounding, and there is nothing to correct
 CORRECTION_TIMES_S = np.concatenate([[0.0], np.geomspace(0.1, 1e5, 60)])
 
 
@@ -83,6 +87,7 @@ class SurfaceBuilder:
     def __init__(self, limits: OperatingLimits, axes: SurfaceAxes | None = None) -> None:
         self._limits = limits
         self._axes = axes or SurfaceAxes()
+        np.empty(KEPT_BYTES, dtype=np.uint8)
         self._programs = {
             "program": f"haptic-driver {version('haptic-driver')}",
             "numpy": version("numpy"),
@@ -92,7 +97,7 @@ class SurfaceBuilder:
     def rebuild(self, description: ModelDescription, with_interval: bool = False) -> SurfaceFile:
         """Solve the model on every point of the axes; `with_interval` adds how far friction may be off (about 1 s).
 
-        5 to 14 ms with any one effect (`benchmarks/surface_rebuild.py`), 22 to 30 where one bends the stack with the
+        5 to 14 ms with any one effect (`benchmarks/surface_rebuild.py`), up to 19 where one bends the stack with the
         voltage and another caps the field; under a second where a new roughness shape needs a gap table, once.
         """
         f, v, n = self._axes.frequency_hz, self._axes.voltage_v, self._axes.normal_force_n
@@ -153,6 +158,8 @@ def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:
     cof = touch.cof_at_speeds(f, voltage, n, speeds).transpose(0, 3, 1, 2)  # [f, n, s, v]
     cof = np.broadcast_to(cof, (f.size, n.size, CORRECTION_SPEEDS_M_S.size, voltage.size))
     off, rise = cof[0, :, :, 0], cof[:, :, :, 1:] - cof[:, :, :, :1]
+    usual = rise[:, :, REFERENCE : REFERENCE + 1]
+    no_rise = usual <= LEAST_RISE * cof[:, :, REFERENCE : REFERENCE + 1, :1]
     zero = np.zeros_like(CORRECTION_TIMES_S)
     over_time = touch.predict(Conditions(zero, zero, zero + n[0], time_s=CORRECTION_TIMES_S)).cof
     return Correction(
@@ -162,6 +169,6 @@ def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:
         voltage_v=voltage[1:],
         time_s=CORRECTION_TIMES_S,
         off_factor=off / off[:, REFERENCE : REFERENCE + 1],
-        gain_factor=rise / rise[:, :, REFERENCE : REFERENCE + 1],
+        gain_factor=np.where(no_rise, 1.0, rise / np.where(no_rise, 1.0, usual)),
         time_factor=over_time / off[0, REFERENCE],
     )

@@ -39,8 +39,8 @@ class Between(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def between(count: int, stride: int) -> Between:
-    """Of `count` places every `stride` is known; all of them where they are few."""
+def between(count: int, stride: int, smooth: float = SMOOTH) -> Between:
+    """Of `count` places every `stride` is known; all of them where they are few. `smooth`: instead of `SMOOTH`."""
     stride = stride if count > CHECKED * stride else 1
     solved = np.unique(np.append(np.arange(0, count, stride), count - 1))
     intervals, weight = np.arange(solved.size - 1 if stride > 1 else 0), np.zeros((count, AROUND))
@@ -56,6 +56,7 @@ def between(count: int, stride: int) -> Between:
         miss[w, sought] = -1.0
     if len(miss):
         miss[[0, 1, -2, -1]] *= 10.0  # a value at an end counts for a tenth in the middle, but whole beside it
+        miss *= SMOOTH / smooth
     # a kink may hide from one six, not from two
     last = max(len(miss) - 1, 0)
     nearest, other = np.clip(intervals - 2, 0, last), np.clip(intervals - 3, 0, last)
@@ -66,8 +67,7 @@ def between(count: int, stride: int) -> Between:
 def twice(count: int, stride: int) -> tuple[Between, Between]:
     """From every `stride` of the places to every second of these in between, and from there to all."""
     first = between(count, stride)
-    second = between(count, first.finer)
-    return first, second._replace(miss=second.miss * NEARER)
+    return first, between(count, first.finer, SMOOTH / NEARER)
 
 
 def _lagrange(nodes: Integers, x: Integers) -> Array:

@@ -42,7 +42,7 @@ def kernel_of_sums(function: F) -> F:
 
 
 def inlined(function: F) -> F:
-    """A kernel that becomes part of each kernel that calls it: numba counts no references to what it is given.
+    """A kernel that becomes part of each kernel that calls it: no array is handed over, no reference counted.
 
     For what is called per point, with arrays, from one place.
     """

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from model.between import Between, between, fill_between, rough_places, twice
+from model.between import SMOOTH, Between, between, fill_between, rough_places, twice
 from model.chain import PreparedTouch
 from model.compiled import copy, kernel, uncounted
 from model.contact import area_ratio
@@ -106,11 +106,11 @@ class GridSolution:
     pulled_in: Flags
 
 
-def solve_grid(table: GapTable, touch: PreparedTouch, load_pa: Array) -> GridSolution:
+def solve_grid(table: GapTable, touch: PreparedTouch, load_pa: Array, smooth: float = SMOOTH) -> GridSolution:
     """Every frequency and voltage of `touch`, of shape (..., r, v) with voltage rising, under all of rising `load_pa`.
 
     The rows r are frequencies, or speeds at each frequency before them. For touches without bias and of one roughness;
-    their own loads are ignored. Answers are [..., r, v, n].
+    their own loads are ignored. Answers are [..., r, v, n]. `smooth`: see `between`, along the rows.
     """
     circuit, by_row = touch.circuit, (-1, touch.shape[-1])
     square, crest, added, limit, p_scale = (
@@ -130,7 +130,7 @@ def solve_grid(table: GapTable, touch: PreparedTouch, load_pa: Array) -> GridSol
     nodes = Nodes(p_hat, p, q, per_q, 1.0 - area_ratio(table.shape, p_hat), refined.flat, h_scale)
     shape = (*square.shape, load_pa.size)
     (pressure, admittance), pulled_in = np.empty((2, *shape)), np.zeros(shape, dtype=np.bool_)
-    along_r, along_v = between(touch.shape[-2], ROW_STRIDE), twice(touch.shape[-1], VOLTAGE_STRIDE)
+    along_r, along_v = between(touch.shape[-2], ROW_STRIDE, smooth), twice(touch.shape[-1], VOLTAGE_STRIDE)
     _solve_grid(
         stacks, nodes, make_curve(p_hat.size), make_gap_sums(refined),
         Integrals(table.flat, table.mass, table.mass_below), bends(stacks), to_series(np.sqrt(p_hat)), along_r, along_v,

@@ -21,6 +21,7 @@ from model.touch import Attraction, Drive, Friction, Values
 WAVEFORMS = ("sine", "square", "dc")
 MEAN_SQUARE = {"sine": 0.5, "square": 1.0, "dc": 1.0}  # of a waveform of amplitude 1 V
 UNDRIVEN_HZ = 250.0  # stands for the ignored frequency of rows without voltage
+SPEEDS_SMOOTH = 1e-2  # see `between`; between speeds of a correction, good to 1 % at best, this leaves 1e-3
 THEORY_PRESSURE_RATIO = 10.0  # the contact theory asks for pressures not too high: p_e up to this many times p0
 
 
@@ -194,7 +195,8 @@ class TouchModel:
             return np.stack([self.surface(*axes, s).cof for s in speed_m_s.tolist()], axis=1)
         p = self.description.values
         drive, touch = self._grid(frequency_hz[:, None], voltage_v, normal_force_n, speed_m_s[:, None], 0.0)
-        force = grid.solve_grid(self.table, touch, normal_force_n / p.contact_area_m2).electrostatic_pressure_pa
+        load_pa = normal_force_n / p.contact_area_m2
+        force = grid.solve_grid(self.table, touch, load_pa, SPEEDS_SMOOTH).electrostatic_pressure_pa
         force *= p.contact_area_m2
         shape = frequency_hz.size, speed_m_s.size, voltage_v.size, normal_force_n.size
         cof = np.array(np.broadcast_to(self._grid_cof(touch, force, normal_force_n), shape))

@@ -138,7 +138,7 @@ def test_between_solved_speeds_friction_is_that_of_single_conditions(
     speed = np.geomspace(8e-4, 0.5, 15)
     f, s, v, n = (x.ravel() for x in np.meshgrid(F, speed, V, N, indexing="ij"))
     expected = model.predict(Conditions(f, v, n, speed_m_s=s)).cof
-    np.testing.assert_allclose(model.cof_at_speeds(F, V, N, speed).ravel(), expected, rtol=1e-4)  # as SMOOTH
+    np.testing.assert_allclose(model.cof_at_speeds(F, V, N, speed).ravel(), expected, rtol=1e-3)  # SPEEDS_SMOOTH
 
 
 def test_a_cap_bends_the_force_without_steps(models, fresh_tables) -> None:

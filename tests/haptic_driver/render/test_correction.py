@@ -68,3 +68,14 @@ def test_it_is_kept_in_the_file(model_description, limits, tmp_path) -> None:
     assert again.content_hash == file.content_hash
     for ours, theirs in zip(again.correction, file.correction, strict=True):
         np.testing.assert_array_equal(ours, theirs)
+
+
+def test_where_the_amplifier_leaves_no_voltage_nothing_is_corrected(model_description, limits) -> None:
+    """A rise of nothing over a rise of nothing is no factor."""
+    weak = {"cutoff_hz": Parameter(100.0, "Hz", ""), "order": Parameter(4.0, "1", "")}
+    model = described(model_description, "viscoelastic_skin")
+    model = replace(model, effect_parameters=model.effect_parameters | {"amplifier_bandwidth": weak})
+    correction = build_surface(model, limits, replace(AXES, frequency_high_hz=1e6)).correction
+    assert np.isfinite(correction.gain_factor).all()
+    np.testing.assert_array_equal(correction.gain_factor[-1], 1.0)
+    assert np.ptp(correction.gain_factor[0]) > 0.1  # at 50 Hz the drive is there
