@@ -65,7 +65,7 @@ class Integrals(NamedTuple):
     mass_below: Array
 
 
-class Open(NamedTuple):
+class Remaining(NamedTuple):
     """What is left to solve of columns [c] at places on an axis: `wanted` [k, c], the `places` with any, and `uneven`.
 
     Work arrays of `between.py`, see there.
@@ -81,7 +81,7 @@ class Work(NamedTuple):
 
     `gain` [j] at one voltage; `end`, `end_gain`: fold per load; `answer` [n] as in `search`. Of each equilibrium [v, n]
     `per_root`, 1/sqrt(gain), and `per_admittance`, which change most evenly with the voltage; before that a guess, or
-    NaN. `open` is what is left to solve.
+    NaN. `remaining` is what is left to solve.
     """
 
     gain: Array
@@ -90,7 +90,7 @@ class Work(NamedTuple):
     answer: Array
     per_root: Array
     per_admittance: Array
-    open: Open
+    remaining: Remaining
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def solve_grid(table: GapTable, touch: PreparedTouch, load_pa: Array, smooth: fl
     _solve_grid(
         stacks, nodes, make_curve(p_hat.size), make_gap_sums(refined),
         Integrals(table.flat, table.mass, table.mass_below), bends(stacks), to_series(np.sqrt(p_hat)), along_r, along_v,
-        _make_open(along_r, pressure[0].size), _make_work(p_hat.size, along_v[1], load_pa.size), square,
+        _make_remaining(along_r, pressure[0].size), _make_work(p_hat.size, along_v[1], load_pa.size), square,
         crest * np.abs(square) / limit**2, added, p_scale[:, 0], has_cap, load_pa, pressure, admittance, pulled_in,
     )  # fmt: skip
     whole = (*touch.shape, load_pa.size)
@@ -146,11 +146,11 @@ def bends(stacks: Stack) -> Flags:
     return np.asarray(np.any([np.any(x != x[:, :1], axis=1) for x in stacks], axis=0))
 
 
-def _make_open(along: Between, columns: int) -> Open:
+def _make_remaining(along: Between, columns: int) -> Remaining:
     """Empty work arrays."""
     places = along.weight.shape[0]
     wanted, uneven = (np.empty((count, columns), dtype=np.bool_) for count in (places, len(along.miss)))
-    return Open(wanted, np.empty(places, dtype=np.int64), uneven)
+    return Remaining(wanted, np.empty(places, dtype=np.int64), uneven)
 
 
 def _make_work(pressures: int, along_v: Between, loads: int) -> Work:
@@ -158,15 +158,16 @@ def _make_work(pressures: int, along_v: Between, loads: int) -> Work:
     per_root, per_admittance = np.empty((2, along_v.weight.shape[0], loads))
     return Work(
         np.empty(pressures), np.empty(loads), np.empty(loads), np.zeros((loads, ANSWER)), per_root, per_admittance,
-        _make_open(along_v, loads),
+        _make_remaining(along_v, loads),
     )  # fmt: skip
 
 
 @uncounted
 def _solve_grid(
     stacks: Stack, nodes: Nodes, curve: Curve, sums: GapSums, integrals: Integrals, bent: Flags, spacing: Spacing,
-    along_r: Between, along_v: tuple[Between, Between], left: Open, work: Work, square: Array, crest_square: Array,
-    added: Array, p_scale: Array, has_cap: bool, load: Array, pressure: Array, admittance: Array, pulled_in: Flags,
+    along_r: Between, along_v: tuple[Between, Between], remaining: Remaining, work: Work, square: Array,
+    crest_square: Array, added: Array, p_scale: Array, has_cap: bool, load: Array, pressure: Array, admittance: Array,
+    pulled_in: Flags,
 ) -> None:  # fmt: skip
     """Some rows of each axis of them, those between, and from gains to pressures.
 
@@ -174,7 +175,7 @@ def _solve_grid(
     and admittance hold `Work.per_root` and `Work.per_admittance`.
     """
     rows, voltages, loads = pressure.shape
-    length, columns, scale = left.places.size, voltages * loads, 0.0
+    length, columns, scale = remaining.places.size, voltages * loads, 0.0
     for start in range(0, rows, length):
         which = along_r.solved
         for attempt in range(2):
@@ -187,7 +188,7 @@ def _solve_grid(
                 if guessed:
                     copy(pressure[i], work.per_root)
                     copy(admittance[i], work.per_admittance)
-                    copy(left.wanted[r], work.open.wanted)
+                    copy(remaining.wanted[r], work.remaining.wanted)
                 _solve_row(
                     stacks, i, nodes, curve, sums, integrals, bent[i], guessed, work, spacing, along_v, square[i],
                     crest_square[i], added[i], scale, has_cap, load, pulled_in[i],
@@ -197,7 +198,7 @@ def _solve_grid(
             if attempt == 0:
                 axis = slice(start, start + length)
                 values = pressure[axis].reshape(length, columns), admittance[axis].reshape(length, columns)
-                which = left.places[: _fill(along_r, *values, left)]
+                which = remaining.places[: _fill(along_r, *values, remaining)]
     for i in range(rows):
         for v in range(voltages):
             for n in range(loads):
@@ -206,13 +207,13 @@ def _solve_grid(
 
 
 @kernel
-def _fill(way: Between, per_root: Array, per_admittance: Array, left: Open) -> int:
-    """Fill in what is between, list the places that are left, and count them."""
-    uneven = left.uneven[: way.miss.shape[0]]
+def _fill(way: Between, per_root: Array, per_admittance: Array, remaining: Remaining) -> int:
+    """Fill in what is between, list the places that are remaining, and count them."""
+    uneven = remaining.uneven[: way.miss.shape[0]]
     uneven[:] = False
     fill_between(way, per_root, uneven)
     fill_between(way, per_admittance, uneven)
-    return rough_places(way, uneven, left.wanted, left.places)
+    return rough_places(way, uneven, remaining.wanted, remaining.places)
 
 
 @kernel
@@ -232,9 +233,9 @@ def _solve_row(
             met, start = meet_cap(curve, sums, first, last, most_crest)
     which = along_v[0].solved
     if guessed:
-        level, which = len(along_v), work.open.places[: _any_wanted(work.open)]
+        level, which = len(along_v), work.remaining.places[: _any_wanted(work.remaining)]
     else:
-        work.open.wanted[:] = True
+        work.remaining.wanted[:] = True
     while which.size > 0:
         if bent:
             _follow_voltages(
@@ -248,7 +249,7 @@ def _solve_row(
             )  # fmt: skip
         if level == len(along_v):
             break
-        which = work.open.places[: _fill(along_v[level], work.per_root, work.per_admittance, work.open)]
+        which = work.remaining.places[: _fill(along_v[level], work.per_root, work.per_admittance, work.remaining)]
         level += 1
 
 
@@ -262,15 +263,15 @@ def _range(values: Array) -> tuple[float, float]:
 
 
 @kernel
-def _any_wanted(left: Open) -> int:
+def _any_wanted(remaining: Remaining) -> int:
     """List the places at which something is wanted, and count them."""
     count = 0
-    for v in range(left.places.size):
+    for v in range(remaining.places.size):
         found = False
-        for n in range(left.wanted.shape[1]):
-            found |= left.wanted[v, n]
+        for n in range(remaining.wanted.shape[1]):
+            found |= remaining.wanted[v, n]
         if found:
-            left.places[count] = v
+            remaining.places[count] = v
             count += 1
     return count
 
@@ -343,9 +344,9 @@ def _solve_voltages(  # noqa: PLR0912, PLR0915 (one visible algorithm)
     `guessed`: from guesses, and what is wanted only. The cap is met where `crest_square` [v] is above `met`, in gaps
     from number `start` on. `least` of the pressure `added`.
     """
-    gain, end, end_gain, answer, per_root, per_admittance, left = work
+    gain, end, end_gain, answer, per_root, per_admittance, remaining = work
     uncapped, current, x, y_square, openness, _ = curve
-    q_node, per_q, wanted = nodes.q, nodes.per_q, left.wanted
+    q_node, per_q, wanted = nodes.q, nodes.per_q, remaining.wanted
     gap, mass, mass_below, lost, per_whole = sums
     p_low, p_high, reach, was_capped = q_node[0] ** 2, q_node[-1] ** 2, start, False
     for turn in range(voltages.size):
@@ -418,8 +419,8 @@ def _follow_voltages(
     """
     h, k_gap, bypass, leak, shift = stacks
     flat, mass, mass_below = integrals
-    gain, _, _, answer, per_root, per_admittance, left = work
-    q_node, per_q, wanted = nodes.q, nodes.per_q, left.wanted
+    gain, _, _, answer, per_root, per_admittance, remaining = work
+    q_node, per_q, wanted = nodes.q, nodes.per_q, remaining.wanted
     gap, apart, current, h_scale, out = sums.gap, nodes.apart, curve.admittance, nodes.h_scale, curve.looked_up
     p_low, p_high = q_node[0] ** 2, q_node[-1] ** 2
     for turn in range(voltages.size):
