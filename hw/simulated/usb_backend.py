@@ -159,11 +159,11 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
         """Hand over packets until a short one or until `buff` is full."""
         with self._changed:
             deadline_s = time.monotonic() + timeout / 1e3
+            self._check(dev_handle)
             while self._transfer is None and not self._begin_transfer():
                 if not self._changed.wait(deadline_s - time.monotonic()):
                     raise usb.core.USBTimeoutError("timed out", -7, errno.ETIMEDOUT)
                 self._check(dev_handle)
-            self._check(dev_handle)
             return self._packets(buff)
 
     def _begin_transfer(self) -> bool:

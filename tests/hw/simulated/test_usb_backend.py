@@ -175,6 +175,14 @@ def test_a_pulled_cable_kills_handles_and_waiting_reads(device: Any, backend: Si
     usb.util.dispose_resources(again)
 
 
+def test_a_cable_pulled_before_a_read_does_not_leave_it_waiting(device: Any, backend: SimulatedUsbBackend) -> None:
+    device.write(BULK_OUT, out(2, 1, 100, 0))
+    backend.replug()
+    with pytest.raises(usb.core.USBError) as caught:
+        device.read(BULK_IN, 512, 500)
+    assert caught.value.errno == errno.ENODEV
+
+
 def test_closing_ends_the_thread() -> None:
     before = threading.active_count()
     backend = SimulatedUsbBackend(Simulated33220A())
