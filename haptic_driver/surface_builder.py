@@ -158,8 +158,8 @@ def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:
     cof = touch.cof_at_speeds(f, voltage, n, speeds).transpose(0, 3, 1, 2)  # [f, n, s, v]
     cof = np.broadcast_to(cof, (f.size, n.size, CORRECTION_SPEEDS_M_S.size, voltage.size))
     off, rise = cof[0, :, :, 0], cof[:, :, :, 1:] - cof[:, :, :, :1]
-    usual = rise[:, :, REFERENCE : REFERENCE + 1]
-    no_rise = usual <= LEAST_RISE * cof[:, :, REFERENCE : REFERENCE + 1, :1]
+    usual = rise[:, :, [REFERENCE]]
+    no_rise = usual <= LEAST_RISE * cof[:, :, [REFERENCE], :1]
     zero = np.zeros_like(CORRECTION_TIMES_S)
     over_time = touch.predict(Conditions(zero, zero, zero + n[0], time_s=CORRECTION_TIMES_S)).cof
     return Correction(
@@ -168,7 +168,7 @@ def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:
         log_speed=np.log(CORRECTION_SPEEDS_M_S),
         voltage_v=voltage[1:],
         time_s=CORRECTION_TIMES_S,
-        off_factor=off / off[:, REFERENCE : REFERENCE + 1],
+        off_factor=off / off[:, [REFERENCE]],
         gain_factor=np.where(no_rise, 1.0, rise / np.where(no_rise, 1.0, usual)),
         time_factor=over_time / off[0, REFERENCE],
     )
