@@ -24,7 +24,7 @@ MOST_POINTS = 20_000_000
 KEPT_BYTES = 32 * 2**20 - 2**13
 CORRECTION_FREQUENCIES = 25
 CORRECTION_SPEEDS_M_S = SPEED_REFERENCE_M_S * 25.0 ** np.linspace(-1.0, 1.0, 15)
-REFERENCE = 7  # of these speeds: the one at which surfaces are solved
+REFERENCE = CORRECTION_SPEEDS_M_S.size // 2  # the speed at which surfaces are solved
 CORRECTION_VOLTAGES = np.array([0.1, 0.3, 0.5, 0.65, 0.8, 0.9, 1.0])  # of the highest
 LEAST_RISE = 1e-9  # of friction without voltage: a smaller one is rounding, and there is nothing to correct
 CORRECTION_TIMES_S = np.concatenate([[0.0], np.geomspace(0.1, 1e5, 60)])
@@ -97,7 +97,7 @@ class SurfaceBuilder:
     def rebuild(self, description: ModelDescription, with_interval: bool = False) -> SurfaceFile:
         """Solve the model on every point of the axes; `with_interval` adds how far friction may be off (about 1 s).
 
-        5 to 14 ms with any one effect (`benchmarks/surface_rebuild.py`), up to 19 where one bends the stack with the
+        5 to 15 ms with any one effect (`benchmarks/surface_rebuild.py`), up to 19 where one bends the stack with the
         voltage and another caps the field; under a second where a new roughness shape needs a gap table, once.
         """
         f, v, n = self._axes.frequency_hz, self._axes.voltage_v, self._axes.normal_force_n

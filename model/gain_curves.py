@@ -125,9 +125,8 @@ def meet_cap(curve: Curve, sums: GapSums, first: int, last: int, crest_square: f
     met = np.inf
     for j in span(first, last + 1):
         met = min(met, openness[j] * (x[j] * x[j] + y_square[j]))
-    start = first_gap(
-        0.5 * math.log(x[last] * x[last] + y_square[last])
-    )  # of the shortest length: pressure widens the leak
+    shortest = 0.5 * math.log(x[last] * x[last] + y_square[last])  # pressure widens the leak
+    start = first_gap(shortest)
     if crest_square > met:
         for j in span(first, last + 1):
             lost[start, j] = mass_below[start, j] / (x[j] * x[j] + y_square[j])

@@ -142,7 +142,7 @@ def solve_grid(table: GapTable, touch: PreparedTouch, load_pa: Array, smooth: fl
 
 
 def bends(stacks: Stack) -> Flags:
-    """Whether the stack changes with the voltage, at each frequency [f]."""
+    """Whether the stack changes with the voltage, in each row [r]."""
     return np.asarray(np.any([np.any(x != x[:, :1], axis=1) for x in stacks], axis=0))
 
 
@@ -208,7 +208,7 @@ def _solve_grid(
 
 @kernel
 def _fill(way: Between, per_root: Array, per_admittance: Array, remaining: Remaining) -> int:
-    """Fill in what is between, list the places that are remaining, and count them."""
+    """Fill in what is between, list the places that remain to be solved, and count them."""
     uneven = remaining.uneven[: way.miss.shape[0]]
     uneven[:] = False
     fill_between(way, per_root, uneven)
