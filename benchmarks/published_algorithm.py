@@ -19,8 +19,9 @@ from scipy.special import gamma as gamma_function
 
 from benchmarks.claim import Claim
 from haptic_driver.config import load_model
+from model.conditions import Conditions
 from model.parameters import TouchParameters
-from model.touch_model import Conditions, TouchModel
+from model.touch_model import TouchModel
 
 EPS0 = 8.8541878128e-12
 POINTS = ((250.0, 75.0, 0.5), (1e4, 120.0, 1.0))  # Hz, V, N

@@ -16,7 +16,8 @@ from haptic_driver.render.surface import cof_at, cof_scalar, invert
 from haptic_driver.signals import FingerState, TargetFriction
 from haptic_driver.surface_builder import build_surface
 from haptic_driver.surface_file import ready_for_lookup
-from model.touch_model import Conditions, TouchModel
+from model.conditions import Conditions
+from model.touch_model import TouchModel
 
 BATCH = 1_000_000
 CALLS = 3_000

@@ -28,7 +28,8 @@ from haptic_driver.surface_builder import SurfaceBuilder
 from haptic_driver.surface_file import ready_for_lookup
 from model.effects import CATALOGUE
 from model.parameters import Parameter
-from model.touch_model import Conditions, TouchModel
+from model.conditions import Conditions
+from model.touch_model import TouchModel
 
 base, limits = load_model("reference"), load_rig("simulated").operating_limits()
 

@@ -7,7 +7,8 @@ amplitudes at the electrode.
 import numpy as np
 
 from haptic_driver.config import load_model
-from model.touch_model import Conditions, TouchModel
+from model.conditions import Conditions
+from model.touch_model import TouchModel
 
 touch = TouchModel(load_model("reference"))
 frequency_hz = np.array([10.0, 100.0, 1e3, 10e3])

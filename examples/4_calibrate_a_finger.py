@@ -12,9 +12,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from haptic_driver.config import load_model
-from model.calibration import calibrate
+from model.analysis.calibration import calibrate
+from model.conditions import Conditions
 from model.diagnosis.data import read_measurements
-from model.touch_model import Conditions, TouchModel
+from model.touch_model import TouchModel
 
 reference = load_model("reference")
 truth = {"skin_thickness_m": 160e-6, "cof_off": 0.55}

@@ -16,7 +16,7 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.files import read_text
 from haptic_driver.rig_config import NiForceSensorConfig, RecordedFingerConfig, RigConfig
 from model.description import ModelDescription, read_model
-from model.errors import ModelError, nearest
+from model.support.errors import ModelError, nearest
 
 __all__ = [
     "RigConfig",

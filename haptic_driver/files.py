@@ -9,8 +9,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from haptic_driver.errors import BadInputError, HapticError
-from model import files
-from model.errors import ModelError
+from model.support import files
+from model.support.errors import ModelError
 
 
 def read_bytes(path: Path) -> bytes:

@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from haptic_driver.picture_files import plt, saved
-from model.calibration import Calibration
-from model.sensitivity import Sensitivity
-from model.spectra import ForceSpectrum, Steepness
+from model.analysis.calibration import Calibration
+from model.analysis.sensitivity import Sensitivity
+from model.analysis.spectra import ForceSpectrum, Steepness
 
 Array = NDArray[np.float64]
 MODEL, DATA, QUIET = "#1b6ca8", "#d1495b", "#9aa0a6"

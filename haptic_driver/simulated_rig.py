@@ -29,10 +29,11 @@ from hw.simulated.waveform_generator import GeneratorLatency, Simulated33220A, T
 from hw.transport.contract import Transport
 from hw.transport.memory import Responder
 from hw.transport.tcp import TcpTransport
+from model.conditions import Conditions
 from model.effects import BY_NAME
-from model.errors import nearest
 from model.parameters import Parameter
-from model.touch_model import Conditions, TouchModel
+from model.support.errors import nearest
+from model.touch_model import TouchModel
 
 LEAST_FORCE_N = 1e-3  # of a touch that the model is asked about
 HIGHEST_SPEED_M_S = 10.0  # that the model is asked about

@@ -21,7 +21,7 @@ from haptic_driver.rig import OffEvidence
 from haptic_driver.signals import FingerSample
 from haptic_driver.simulated_rig import SimulatedRig
 from hw.force_sensor import ForceReading
-from model.tables import Table, read_table
+from model.support.tables import Table, read_table
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -31,13 +31,14 @@ from haptic_driver.files import replacing
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.surface import invert
-from haptic_driver.surface_builder import SurfaceAxes, SurfaceBuilder
+from haptic_driver.surface_builder import SurfaceAxes, build_surface
 from haptic_driver.surface_file import Array, SurfaceFile, ready_for_lookup
+from model.conditions import Conditions
 from model.description import ModelDescription
 from model.diagnosis.space import FINGER
-from model.errors import nearest
 from model.parameters import SPECIFICATION
-from model.touch_model import Conditions, TouchModel
+from model.support.errors import nearest
+from model.touch_model import TouchModel
 
 MOST_TASKS = 1_000_000
 MOST_STD = 2.5  # a drawn finger lies no further out, so that none is impossible
@@ -131,7 +132,7 @@ class Study:
         values = self.finger(finger) | combinations[task % len(combinations)]
         description = _with(self.description, values)
         axes = SurfaceAxes(voltage_high_v=self.limits.voltage_v, **self.plan.surface.model_dump())
-        file = SurfaceBuilder(self.limits, axes).rebuild(description)
+        file = build_surface(description, self.limits, axes)
         if out is not None and self.plan.keep_surfaces:
             file.write(out / SURFACES / f"{task:06d}.h5")
         return {"task": task, "finger": finger, "values": values, **self._measured(description, file)}

@@ -13,15 +13,13 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.correction import Correction
 from haptic_driver.surface_file import Array, CofInterval, SurfaceFile
-from model import uncertainty
+from model.analysis import uncertainty
+from model.conditions import Conditions
 from model.description import ModelDescription
-from model.effects.base import SPEED_REFERENCE_M_S
-from model.touch_model import Conditions, TouchModel
+from model.touch import SPEED_REFERENCE_M_S
+from model.touch_model import TouchModel
 
 MOST_POINTS = 20_000_000
-# glibc keeps freed memory up to twice the largest block that was freed, so a large one is, unused: pages given back and
-# got again would take up to 3 ms of each rebuild.
-KEPT_BYTES = 32 * 2**20 - 2**13
 CORRECTION_FREQUENCIES = 25
 CORRECTION_SPEEDS_M_S = SPEED_REFERENCE_M_S * 25.0 ** np.linspace(-1.0, 1.0, 15)
 REFERENCE = CORRECTION_SPEEDS_M_S.size // 2  # the speed at which surfaces are solved
@@ -78,71 +76,52 @@ class SurfaceAxes:
         return np.geomspace(self.normal_force_low_n, self.normal_force_high_n, self.normal_force_count)
 
 
-class SurfaceBuilder:
-    """Surfaces on one set of axes: `rebuild` after every change of finger, screen or effects.
-
-    `limits` only mark `within_limits`, the rig applies its own. Not for several threads at once.
-    """
-
-    def __init__(self, limits: OperatingLimits, axes: SurfaceAxes | None = None) -> None:
-        self._limits = limits
-        self._axes = axes or SurfaceAxes()
-        np.empty(KEPT_BYTES, dtype=np.uint8)
-        self._programs = {
-            "program": f"haptic-driver {version('haptic-driver')}",
-            "numpy": version("numpy"),
-            "scipy": version("scipy"),
-        }
-
-    def rebuild(self, description: ModelDescription, with_interval: bool = False) -> SurfaceFile:
-        """Solve the model on every point of the axes; `with_interval` adds how far friction may be off (about 1 s).
-
-        5 to 15 ms with any one effect (`benchmarks/surface_rebuild.py`), up to 19 where one bends the stack with the
-        voltage and another caps the field; under a second where a new roughness shape needs a gap table, once.
-        """
-        f, v, n = self._axes.frequency_hz, self._axes.voltage_v, self._axes.normal_force_n
-        touch = TouchModel(description)
-        solved = touch.surface(f, v, n)
-        interval = None
-        if with_interval and not description.is_published:
-            interval = CofInterval(*uncertainty.cof_interval(description, f, v, n, solved.cof))
-        return SurfaceFile(
-            frequency_hz=f,
-            voltage_v=v,
-            normal_force_n=n,
-            cof=solved.cof,
-            electrostatic_force_n=solved.electrostatic_force_n,
-            current_rms_a=solved.current_rms_a,
-            stuck_current_rms_a=solved.stuck_current_rms_a,
-            slew_v_per_s=2.0 * np.pi * f[:, None] * v,
-            pulled_in=solved.pulled_in,
-            within_theory=solved.within_theory,
-            within_limits=self._limits.permits(
-                f[:, None, None], v[:, None], solved.current_rms_a, solved.stuck_current_rms_a[:, :, None]
-            ),
-            provenance={
-                "model": description.provenance(),
-                "model_hash": description.content_hash,
-                "gap_table_hash": touch.table.content_hash,
-                "limits": repr(self._limits),
-                "waveform": "sine",
-                **({} if interval is None else {"uncertainty": uncertainty.provenance(description)}),
-                **self._programs,
-                "built_at": datetime.now(UTC).isoformat(timespec="seconds"),
-            },
-            correction=_correction(touch, self._axes),
-            cof_interval=interval,
-        )
-
-
 def build_surface(
     description: ModelDescription,
     limits: OperatingLimits,
     axes: SurfaceAxes | None = None,
     with_interval: bool = False,
 ) -> SurfaceFile:
-    """One surface, by a `SurfaceBuilder` of its own."""
-    return SurfaceBuilder(limits, axes).rebuild(description, with_interval)
+    """Solve the model on every point of the axes; `with_interval` adds how far friction may be off.
+
+    `limits` only mark `within_limits`, the rig applies its own. A quarter of a second of one core, half a second with
+    the slowest effects, twice as much again with an interval (`benchmarks/surface_rebuild.py`); a new roughness shape
+    needs a gap table first, a second, once.
+    """
+    axes = axes or SurfaceAxes()
+    f, v, n = axes.frequency_hz, axes.voltage_v, axes.normal_force_n
+    touch = TouchModel(description)
+    solved = touch.surface(f, v, n)
+    interval = None
+    if with_interval and not description.is_published:
+        interval = CofInterval(*uncertainty.cof_interval(description, f, v, n, solved.cof))
+    return SurfaceFile(
+        frequency_hz=f,
+        voltage_v=v,
+        normal_force_n=n,
+        cof=solved.cof,
+        electrostatic_force_n=solved.electrostatic_force_n,
+        current_rms_a=solved.current_rms_a,
+        stuck_current_rms_a=solved.stuck_current_rms_a[:, :, 0],
+        slew_v_per_s=2.0 * np.pi * f[:, None] * v,
+        pulled_in=solved.pulled_in,
+        within_theory=solved.within_theory,
+        within_limits=limits.permits(f[:, None, None], v[:, None], solved.current_rms_a, solved.stuck_current_rms_a),
+        provenance={
+            "model": description.provenance(),
+            "model_hash": description.content_hash,
+            "gap_table_hash": touch.table.content_hash,
+            "limits": repr(limits),
+            "waveform": "sine",
+            **({} if interval is None else {"uncertainty": uncertainty.provenance(description)}),
+            "program": f"haptic-driver {version('haptic-driver')}",
+            "numpy": version("numpy"),
+            "scipy": version("scipy"),
+            "built_at": datetime.now(UTC).isoformat(timespec="seconds"),
+        },
+        correction=_correction(touch, axes),
+        cof_interval=interval,
+    )
 
 
 def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:

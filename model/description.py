@@ -10,11 +10,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from model.dielectrics import Dielectric, PowerLaw, named, read_csv
 from model.effects import BY_NAME, Effect
-from model.errors import ModelError, nearest
-from model.files import read_text
+from model.electric.dielectrics import Dielectric, PowerLaw, named, read_csv
 from model.parameters import FRICTION_LAWS, SPECIFICATION, FrictionLaw, Parameter, TouchParameters
+from model.support.errors import ModelError, nearest
+from model.support.files import read_text
 
 VARIANTS = ("corrected", "published", "published_absolute")  # the last two: `published.py`
 POWER_LAW = {  # unit and range of its numbers

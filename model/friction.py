@@ -8,35 +8,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from model.dielectrics import Array
 from model.parameters import FrictionLaw
-from model.touch import Friction, Values
+from model.support.arrays import Array, Values
+from model.touch import Friction
 
 LOAD_REFERENCE_N = 0.5  # the load at which a load exponent leaves friction as it is
 
 
 def cof(
-    law: FrictionLaw, cof_off: Values, attraction_n: Array, normal_force_n: Array, laws: Friction | None = None
+    law: FrictionLaw, cof_off: Values, attraction_n: Values, normal_force_n: Values, laws: Friction | None = None
 ) -> Array:
     """Coefficient of friction under attraction; NaN where `total_load` has diverged (F_e >= F_n).
 
     `laws` bends the proportionality between friction and load; without it friction is Coulomb's.
     """
     laws = laws or Friction()
-    rise = np.asarray(attraction_n / normal_force_n)  # its own array: whole surfaces are worked on in place
+    ratio = attraction_n / normal_force_n
     if law == "applied_load":
-        rise += 1.0
+        rise = 1.0 + ratio
     else:
         with np.errstate(divide="ignore"):
-            rise = np.where(rise < 1.0, 1.0 / (1.0 - rise), np.nan)
-    bend = np.asarray(laws.load_exponent - 1.0)
-    if bend.any():
-        rise = rise * (rise * normal_force_n / LOAD_REFERENCE_N) ** bend
-    factor = np.asarray(cof_off * laws.cof_off_factor)
-    if np.broadcast_shapes(rise.shape, factor.shape) != rise.shape:
-        return np.asarray(rise * factor)
-    rise *= factor
-    return rise
+            rise = np.where(ratio < 1.0, 1.0 / (1.0 - ratio), np.nan)
+    bend = (rise * normal_force_n / LOAD_REFERENCE_N) ** (laws.load_exponent - 1.0)
+    return np.asarray(cof_off * laws.cof_off_factor * rise * bend)
 
 
 def electrostatic_force_n(law: FrictionLaw, cof_off: float, cof_on: Array, normal_force_n: Array) -> Array:

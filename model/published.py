@@ -14,18 +14,19 @@ from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from model.charges import Coefficients, Layers, coefficients
-from model.contact import area_ratio
+from model.contact.gap_distribution import area_ratio
+from model.contact.gap_integrals import LOG_P_AXIS, LOG_U_AXIS
+from model.contact.gap_table import GapTable, axis, gap_nodes
+from model.contact.roughness import contact_length_m
 from model.description import ModelDescription
-from model.dielectrics import EPS0, Array, ComplexArray
-from model.errors import ModelError
-from model.gap_table import LOG_P_AXIS, LOG_U_AXIS, GapTable, axis, gap_nodes
-from model.layers import branch
+from model.electric.charges import Coefficients, Layers, coefficients
+from model.electric.dielectrics import EPS0
+from model.electric.layers import branch
 from model.parameters import TouchParameters
-from model.roughness import contact_length_m
+from model.support.arrays import Array, ComplexArray, Mask
+from model.support.errors import ModelError
 from model.touch import Attraction, Drive
 
 LEAK_CUT_OFF_M = 10e-9  # a_c below (29): gaps smaller than this count in E_g only
@@ -113,25 +114,25 @@ def solve(description: ModelDescription, table: GapTable, drive: Drive) -> Attra
     """Attraction of each condition [n] at its lowest equilibrium; ModelError for drives that it does not know."""
     _check(description, drive)
     p = description.values
-    frequency, voltage, load_n = np.broadcast_arrays(drive.frequency_hz, drive.voltage_v, drive.normal_force_n)
+    fields = dict(zip(vars(drive), np.broadcast_arrays(*vars(drive).values()), strict=True))
+    frequency, voltage, load_n = (fields[name].ravel() for name in ("frequency_hz", "voltage_v", "normal_force_n"))
     load = load_n / p.contact_area_m2
     scale = p.effective_modulus_pa * p.roll_off_wavenumber_per_m * p.roughness_rms_m
-    pressure, negative = np.empty(load.shape), np.zeros(load.shape, bool)
+    pressure, (negative, pulled_in) = np.empty(load.shape), np.zeros((2, load.size), bool)
     distinct, group = np.unique(frequency, return_inverse=True)
-    group = group.reshape(load.shape)
     sums = _stress_sums(description, table, distinct, scale)
     for i in range(distinct.size):
         here = group == i
         gain = _Gain(
             CubicSpline(axis(LOG_P_AXIS) + np.log(scale), sums[:, i]) if np.isfinite(sums[:, i]).all() else None
         )
-        pressure[here], negative[here] = _equilibria(gain, voltage[here], load[here], scale)
+        pressure[here], negative[here], pulled_in[here] = _equilibria(gain, voltage[here], load[here], scale)
     force = pressure * p.contact_area_m2 * area_ratio(table.shape, (load + pressure) / scale)  # (30)
     lost = np.isnan(pressure) & ~negative
     diverged = force >= load_n if description.friction_law == "total_load" else np.zeros(load.shape, bool)
     found = ((NEGATIVE, negative), (NO_EQUILIBRIUM, lost), (DIVERGED, diverged))
     notes = tuple(f"{np.sum(rows)} of {rows.size} conditions: {text}" for text, rows in found if rows.any())
-    return Attraction(pressure, np.asarray(force), notes)
+    return Attraction(pressure, np.asarray(force), pulled_in, notes)
 
 
 def _check(description: ModelDescription, drive: Drive) -> None:
@@ -184,15 +185,19 @@ class _Gain:
         return np.asarray(0.5 * EPS0 * (s[..., 0] - 2.0 * s[..., 1] / pressure_pa + s[..., 2] / pressure_pa**2))
 
 
-def _equilibria(gain: _Gain, voltage_v: Array, load_pa: Array, scale: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Lowest p_e = V^2 g(p0 + p_e) of each condition, and where attraction is negative or undefined from the start."""
+def _equilibria(gain: _Gain, voltage_v: Array, load_pa: Array, scale: float) -> tuple[Array, Mask, Mask]:
+    """Lowest p_e = V^2 g(p0 + p_e) of each condition; where attraction is negative or undefined from the start.
+
+    Last, where there is none since V(p_e) turns back below this voltage.
+    """
     square = voltage_v**2
     low_end, high_end = scale * np.exp(LOG_P_AXIS[0]), scale * np.exp(LOG_P_AXIS[1])
     inside = (load_pa >= low_end) & (load_pa <= high_end)
     first = gain.at(np.where(inside, load_pa, low_end))
     negative = (square > 0.0) & ~(first >= 0.0)
     nodes = np.geomspace(low_end, high_end, PRESSURE_NODES)
-    closed = load_pa[:, None] + square[:, None] * gain.at(nodes) <= nodes  # attraction no longer outruns the pressure
+    gains = gain.at(nodes)
+    closed = load_pa[:, None] + square[:, None] * gains <= nodes  # attraction no longer outruns the pressure
     closed &= nodes >= load_pa[:, None]
     bracketed = closed.any(axis=1)
     at = np.argmax(closed, axis=1)
@@ -204,4 +209,7 @@ def _equilibria(gain: _Gain, voltage_v: Array, load_pa: Array, scale: float) -> 
         low, high = np.where(above, low, middle), np.where(above, middle, high)
     p_e = square * gain.at(high)
     solved = np.where(inside & bracketed & ~negative, p_e, np.nan)
-    return np.where(inside & (square == 0.0), 0.0, solved), negative & inside
+    with np.errstate(divide="ignore", invalid="ignore"):
+        needed = np.nan_to_num((nodes - load_pa[:, None]) / gains, nan=0.0)
+    pulled_in = inside & ~bracketed & ~negative & (np.argmax(needed, axis=1) < nodes.size - 1)
+    return np.where(inside & (square == 0.0), 0.0, solved), negative & inside, pulled_in

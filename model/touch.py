@@ -8,14 +8,14 @@ current.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from model.dielectrics import Array
 from model.parameters import TouchParameters
+from model.support.arrays import Array, Values
 
-Values = Any  # float or array, real or complex, broadcasting against the conditions
+SPEED_REFERENCE_M_S = 0.02  # of the paper's experiment; there effects of speed leave the base model as it is
 
 
 @dataclass(frozen=True)
@@ -52,16 +52,20 @@ class Drive:
 
 @dataclass(frozen=True)
 class Branch:
-    """The electrical stack at one frequency: permittivities, and what stands behind and beside the gap.
+    """The electrical stack at one frequency of the drive: permittivities, and what stands behind and beside the gap.
 
-    `omega` in rad/s; `series_length_m` adds to h; `gap_admittance_s_per_m2` lies in parallel with the air gap, beside
-    the contact leak; `field_gain` is the field in the gap's air over the mean field of the gap.
+    `omega` in rad/s; `mean_square_v2` attracts, `driven_square_v2` of it is the amplifier's, with `crest_square` as
+    peak over mean square; `series_length_m` adds to h; `gap_admittance_s_per_m2` lies in parallel with the air gap,
+    beside the contact leak; `field_gain` is the field in the gap's air over the mean field of the gap.
     """
 
     omega: Values
     k_insulator: Values
     k_skin: Values
     k_gap: Values
+    mean_square_v2: Values = 0.0
+    driven_square_v2: Values = 0.0
+    crest_square: Values = 1.0
     series_length_m: Values = 0.0
     gap_admittance_s_per_m2: Values = 0.0
     field_gain: Values = 1.0
@@ -101,9 +105,11 @@ class Friction:
 class Attraction:
     """What electricity does to n touches [n]: mean pressure in Pa and force in N, NaN where there is no answer.
 
-    `notes` say in words why, where the equations are to blame and not the contact.
+    `pulled_in` where that is because V(p_e) has turned back; `notes` say in words why, where the equations are to blame
+    and not the contact.
     """
 
     pressure_pa: Array
     force_n: Array
+    pulled_in: NDArray[np.bool_]
     notes: tuple[str, ...] = ()

@@ -15,7 +15,7 @@ THREADS = 2
 
 
 def main() -> int:
-    """Exit status 1 where model/theory_error.py claims less than this run found."""
+    """Exit status 1 where model/contact/theory_error.py claims less than this run found."""
     tamaas.initialize(THREADS)
     tamaas.set_log_level(tamaas.LogLevel.warning)
     start = time.monotonic()
@@ -28,7 +28,7 @@ def main() -> int:
     report.write(rows, shares, DOCS)
     sys.stdout.write(f"{DOCS / 'validation.md'}: {len(rows)} contacts compared\n")
     for line in report.disagreements(rows):
-        sys.stdout.write(f"model/theory_error.py claims less than this run found: {line}\n")
+        sys.stdout.write(f"model/contact/theory_error.py claims less than this run found: {line}\n")
     return 1 if report.disagreements(rows) else 0
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import tamaas
 from numpy.typing import NDArray
 
-from model.roughness import Array, SelfAffineShape
+from model.contact.roughness import Array, SelfAffineShape
 
 LONGEST_WAVES = 4  # wavelengths 2 pi/q0 along one side: enough for the mean of a few surfaces, few enough for the grid
 TOLERANCE = 1e-8  # of the solver; 1e-10 moves no ratio by 1e-5

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from model.contact import area_ratio, gap_distribution, mean_gap
-from model.gap_table import gap_integrals
-from model.roughness import Array, SelfAffineShape
-from model.theory_error import GAP_LENGTH_M, PRESSURE_PA
+from model.contact.gap_distribution import area_ratio, gap_distribution, mean_gap
+from model.contact.gap_table import gap_integrals
+from model.contact.roughness import Array, SelfAffineShape
+from model.contact.theory_error import GAP_LENGTH_M, PRESSURE_PA
 from validation.contact_solver import RoughContact, SolvedContact, random_surface, solve
 
 HURST, GAMMA = 0.71, 0.45

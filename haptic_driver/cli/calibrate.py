@@ -12,10 +12,10 @@ from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.config import load_model
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import not_written
-from model.errors import ModelError, nearest
+from model.support.errors import ModelError, nearest
 
 if TYPE_CHECKING:
-    from model.calibration import Calibration
+    from model.analysis.calibration import Calibration
 
 
 def calibrate(
@@ -34,8 +34,8 @@ def calibrate(
     Example: `haptic calibrate data.csv --model reference --out finger.toml`
     """
     from haptic_driver.model_pictures import draw_calibration  # noqa: PLC0415  (matplotlib is slow to import)
-    from model.calibration import calibrate as run  # noqa: PLC0415
-    from model.calibration import write_calibration  # noqa: PLC0415
+    from model.analysis.calibration import calibrate as run  # noqa: PLC0415
+    from model.analysis.calibration import write_calibration  # noqa: PLC0415
     from model.diagnosis.data import read_measurements  # noqa: PLC0415
 
     description = load_model(model)
@@ -57,7 +57,7 @@ def calibrate(
 
 def _check(also: list[str], out: Path) -> None:
     """What can be known to be wrong before the data are read and fitted."""
-    from model.calibration import OPTIONAL  # noqa: PLC0415
+    from model.analysis.calibration import OPTIONAL  # noqa: PLC0415
     from model.diagnosis.space import FINGER  # noqa: PLC0415
 
     always = [n.name for n in FINGER]

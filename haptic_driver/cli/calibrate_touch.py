@@ -34,7 +34,7 @@ from haptic_driver.experiments.touched_places import (
 from haptic_driver.files import exists_already, not_written, write_rows
 from haptic_driver.rig_config import EvdevFingerConfig, RigConfig
 from hw.touch_screen import TouchReports, open_touch_reports
-from model.errors import nearest
+from model.support.errors import nearest
 
 
 def calibrate_touch(

@@ -15,8 +15,8 @@ from haptic_driver.config import load_model
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.plan import Setting, write_plan
 from haptic_driver.files import not_written
-from model.effects.base import SPEED_REFERENCE_M_S
-from model.errors import ModelError
+from model.support.errors import ModelError
+from model.touch import SPEED_REFERENCE_M_S
 
 
 def diagnose(

@@ -14,10 +14,11 @@ import typer
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.config import load_model
 from haptic_driver.files import write_rows
-from model import spectra
+from model.analysis import spectra
+from model.conditions import Conditions
 from model.effects import CATALOGUE
 from model.parameters import Parameter
-from model.touch_model import Conditions, TouchModel
+from model.touch_model import TouchModel
 
 MODULATION_HZ, MODULATION_DEPTH = 100.0, 0.5
 LOWEST_CARRIER_HZ = 1e3  # of the modulated drive: it has to lie well above what modulates it

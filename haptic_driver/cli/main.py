@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from haptic_driver.cli.output import report_error
 from haptic_driver.errors import BadInputError, HapticError
 from hw.errors import DeviceError
-from model.errors import ModelError
+from model.support.errors import ModelError
 
 # Where each command lives: a module of this folder and its function, or its group where none is named. A module is
 # imported only when its command is asked for: `haptic off` must not wait for matplotlib.

@@ -13,10 +13,11 @@ from haptic_driver.cli.output import Json, ModelOption, report, stderr, stdout
 from haptic_driver.config import load_model
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input, replacing
-from model.effects.base import SPEED_REFERENCE_M_S
-from model.errors import ModelError
-from model.tables import Table, read_table
-from model.touch_model import Conditions, Prediction, TouchModel
+from model.conditions import Conditions
+from model.support.errors import ModelError
+from model.support.tables import Table, read_table
+from model.touch import SPEED_REFERENCE_M_S
+from model.touch_model import Prediction, TouchModel
 
 REQUIRED = ("frequency_hz", "voltage_v", "normal_force_n")
 ADDED = ("electrostatic_force_n", "cof", "current_rms_a")

@@ -34,8 +34,8 @@ def sensitivity(
     Example: `haptic sensitivity --out sensitivity`
     """
     from haptic_driver.model_pictures import draw_sensitivity  # noqa: PLC0415  (matplotlib is slow to import)
-    from model.sensitivity import force_sensitivity  # noqa: PLC0415
-    from model.touch_model import Conditions  # noqa: PLC0415
+    from model.analysis.sensitivity import force_sensitivity  # noqa: PLC0415
+    from model.conditions import Conditions  # noqa: PLC0415
 
     if draws & (draws - 1):
         raise BadInputError("bad_draws", f"--draws {draws} is not a power of two", "For example 1024")

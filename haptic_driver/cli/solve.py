@@ -19,7 +19,7 @@ from haptic_driver.signals import FingerState, OperatingPoint, TargetFriction
 from haptic_driver.surface_builder import build_surface
 from haptic_driver.surface_file import SurfaceFile, cof_interval_at, read_surface, ready_for_lookup
 from model import friction as friction_law
-from model.errors import nearest
+from model.support.errors import nearest
 
 
 def solve(

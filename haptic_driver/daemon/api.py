@@ -35,7 +35,7 @@ from haptic_driver.daemon.api_records import (
 from haptic_driver.daemon.records import ArmRequest, Control, Lease, ModelChoice, Status, Target, TextureChoice
 from haptic_driver.daemon.web_security import BodyLimit, refusal
 from haptic_driver.errors import BadInputError, HapticError
-from model.errors import nearest
+from model.support.errors import nearest
 
 FRAME_PERIOD_S = 0.05
 FRAME_SAMPLES = 1000

@@ -13,7 +13,8 @@ from haptic_driver.experiments.stroke import beyond_stage
 from haptic_driver.render.safety import violation
 from haptic_driver.signals import OperatingPoint
 from hw.waveform_generator import AMPLITUDE_HIGH_VPP, AMPLITUDE_LOW_VPP
-from model.touch_model import Conditions, TouchModel
+from model.conditions import Conditions
+from model.touch_model import TouchModel
 
 
 class Refusal(NamedTuple):

@@ -16,7 +16,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
 from haptic_driver.config import find_config, parse, read_toml
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import not_written, replacing
-from model.touch_model import UNDRIVEN_HZ
+from model.conditions import UNDRIVEN_HZ
 
 MOST_ROWS = 100_000
 

@@ -10,7 +10,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter,
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import Interpolation, Outside
-from model.errors import did_you_mean
+from model.support.errors import did_you_mean
 
 LOWEST_COF = 0.01
 HIGHEST_COF = 5.0

@@ -17,7 +17,7 @@ from PIL import Image
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input, read_bytes, read_text
 from haptic_driver.textures.description import HIGHEST_COF, LOWEST_COF
-from model.tables import read_table
+from model.support.tables import read_table
 
 FloatArray = NDArray[np.float64]
 

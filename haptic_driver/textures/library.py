@@ -12,7 +12,7 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.files import read_text
 from haptic_driver.render.texture import FrictionMap, Placed, Profile, Target, Texture, Uniform
 from haptic_driver.textures import description, files, formulas, hjif, script
-from model.errors import did_you_mean
+from model.support.errors import did_you_mean
 
 MAP_EXAMPLE = """\
 kind = "map"

@@ -11,8 +11,8 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input
 from haptic_driver.render.texture import Interpolation, Script, Step, Texture, Uniform
 from haptic_driver.textures.description import SCRIPT_HINT, ScriptDescription, StepDescription, parse_step
-from model.errors import did_you_mean
-from model.tables import read_table
+from model.support.errors import did_you_mean
+from model.support.tables import read_table
 
 COLUMNS = ("time_s", "cof", "texture", "interpolation", "label")
 NUMBERS = ("time_s", "cof")

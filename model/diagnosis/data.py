@@ -10,12 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from model.errors import ModelError, nearest
-from model.tables import Table, read_table
-from model.touch_model import WAVEFORMS, Conditions
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from model.conditions import WAVEFORMS, Conditions
+from model.support.arrays import Array, Mask
+from model.support.errors import ModelError, nearest
+from model.support.tables import Table, read_table
 
 REQUIRED = ("frequency_hz", "voltage_v", "normal_force_n", "cof")
 NUMERIC = (*REQUIRED, "cof_std", "speed_m_s", "time_s", "voltage_offset_v", "humidity_pct", "temperature_c")

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.diagnosis.data import Array
 from model.diagnosis.noise import Noise
 from model.diagnosis.space import FARTHEST, Predictor, size
 from model.effects import Effect
+from model.support.arrays import Array
 
 STEP = 1e-4  # of finite differences, in prior standard deviations
 ITERATIONS = 40

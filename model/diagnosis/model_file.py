@@ -18,9 +18,9 @@ from model.diagnosis.fit import Fit
 from model.diagnosis.naming import Candidate
 from model.diagnosis.space import NUISANCES, Nuisance
 from model.diagnosis.workflow import Diagnosis
-from model.dielectrics import NAMED, PowerLaw, Tabulated
-from model.errors import ModelError
+from model.electric.dielectrics import NAMED, PowerLaw, Tabulated
 from model.parameters import SPECIFICATION, Parameter
+from model.support.errors import ModelError
 
 NAMED_VERDICTS = ("effect_found", "ambiguous")  # those whose model carries effects
 TABLES = "dielectric"  # folder beside the model file that a user's own dielectric table goes to

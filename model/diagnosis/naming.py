@@ -8,11 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from model.diagnosis.data import Array, Measurements
+from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.rival import Evidence, evidence
 from model.diagnosis.space import NUISANCES
 from model.effects import CATALOGUE, Effect
+from model.support.arrays import Array
 
 PRIOR_NONE, PRIOR_UNKNOWN = 0.5, 0.1
 STARTS = (0.0, -2.0, 1.5, -3.0)

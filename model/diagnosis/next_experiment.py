@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky
 
+from model.conditions import UNDRIVEN_HZ
 from model.description import ModelDescription
-from model.diagnosis.data import Array, Measurements
+from model.diagnosis.data import Measurements
 from model.diagnosis.fit import STEP, Problem
 from model.diagnosis.naming import NONE, Candidate, imitation, words
 from model.diagnosis.noise import SESSION_GAIN_STD
@@ -24,7 +25,7 @@ from model.diagnosis.space import Predictor
 from model.diagnosis.verdict import ALIKE
 from model.diagnosis.where import ALARM
 from model.diagnosis.workflow import Diagnosis
-from model.touch_model import UNDRIVEN_HZ
+from model.support.arrays import Array
 
 REPEATS = 5  # readings at each proposed setting
 MODELS = 4  # that take part

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from model.diagnosis.data import Array, Measurements
+from model.diagnosis.data import Measurements
+from model.support.arrays import Array
 
 SESSION_GAIN_STD = 0.05  # of friction, between sessions: electrodes, washing, posture
 LOOSE_DEGREES = 6.0  # worth of the stated noise where no replicates check it: a scale known to about 30 %

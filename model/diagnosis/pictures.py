@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from model.diagnosis.data import Array, Mask, Measurements
+from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.naming import NONE, UNKNOWN, Candidate, words
 from model.diagnosis.noise import SESSION_GAIN_STD
 from model.diagnosis.verdict import SURE, Verdict, Weighed
 from model.diagnosis.where import ALARM, Region
 from model.diagnosis.workflow import Diagnosis
+from model.support.arrays import Array, Mask
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

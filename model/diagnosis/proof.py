@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.description import ModelDescription
-from model.diagnosis.data import Array, Measurements
+from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Problem
 from model.diagnosis.naming import Candidate
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.rival import evidence
 from model.diagnosis.space import NUISANCES, Predictor
 from model.effects import Effect
+from model.support.arrays import Array
 
 FEWEST_SESSIONS = 3
 BLOCKS = 5

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
-from model.diagnosis.data import Array, Measurements
+from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit
 from model.diagnosis.noise import Noise
+from model.support.arrays import Array
 
 LENGTH = 0.8  # of the kernel, in standardised inputs
 AMPLITUDES = (0.005, 0.012, 0.03, 0.08, 0.2)  # of the discrepancy of log friction

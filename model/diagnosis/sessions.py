@@ -6,10 +6,11 @@ import numpy as np
 from scipy.special import logsumexp
 from scipy.stats import f as f_distribution
 
-from model.diagnosis.data import Array, Mask, Measurements
+from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit
 from model.diagnosis.noise import Noise
 from model.diagnosis.rival import AMPLITUDES, log_marginal
+from model.support.arrays import Array, Mask
 
 UNLIKE_P = 1e-4
 FEWEST_SESSIONS = 3

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from model import pressure
-from model.chain import prepare, touch_friction
+from model import solver
 from model.description import ModelDescription
-from model.diagnosis.data import Array, Measurements
+from model.diagnosis.data import Measurements
 from model.effects import Effect
-from model.errors import ModelError
 from model.parameters import TouchParameters
+from model.support.arrays import Array
+from model.support.errors import ModelError
 from model.touch import Drive
-from model.touch_model import TouchModel
+from model.touch_model import TouchModel, cof, prepare
 
 FARTHEST = 6.0  # prior units
 
@@ -101,10 +101,12 @@ class Predictor:
 
     def _solve(self, parameters: TouchParameters, effects: list[Effect], count: int) -> Array:
         touch = prepare(parameters, self.description.dielectric, (*self.description.effects, *effects), self._drive)
-        p_e = pressure.solve(self._table, touch.circuit)
-        cof = touch_friction(self.description.friction_law, parameters, touch, p_e, self._drive.normal_force_n)
+        p_e, _ = solver.solve(self._table, touch.circuit)
+        force_n = p_e * parameters.contact_area_m2
+        law, load_n = self.description.friction_law, self._drive.normal_force_n
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(np.log(np.broadcast_to(cof, (count, cof.shape[-1])))[:, self._row])
+            log_cof = np.log(cof(law, parameters, touch, force_n, load_n))
+        return np.broadcast_to(log_cof, (count, log_cof.shape[-1]))[:, self._row]
 
     def decode(self, kinds: Sequence[type[Effect]], vectors: Array) -> tuple[TouchParameters, list[Effect]]:
         """Parameters and effects as columns [m, 1]."""

@@ -8,19 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from model.diagnosis.data import Array, Measurements
+from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Problem
-from model.diagnosis.naming import (
-    NONE,
-    PRIOR_NONE,
-    PRIOR_UNKNOWN,
-    UNKNOWN,
-    Candidate,
-    fit_candidates,
-    imitation,
-)
+from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN, Candidate, fit_candidates, imitation
 from model.diagnosis.rival import discrepancy_mean
 from model.diagnosis.where import Disagreement
+from model.support.arrays import Array
 
 SURE = 0.95
 NOTHING = 0.90

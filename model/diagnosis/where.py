@@ -10,10 +10,11 @@ from scipy.linalg import qr
 from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import norm
 
-from model.diagnosis.data import Array, Mask, Measurements
+from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit
 from model.diagnosis.noise import Noise, measurement_order
 from model.diagnosis.rival import INPUTS, standardised
+from model.support.arrays import Array, Mask
 
 PAIRS = (
     ("frequency_hz", "voltage_v"), ("frequency_hz", "normal_force_n"), ("frequency_hz", "speed_m_s"),

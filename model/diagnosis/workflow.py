@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from model.description import ModelDescription
-from model.diagnosis.data import Array, Measurements
+from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Problem
 from model.diagnosis.naming import Candidate, candidate, fit_candidates, testable_effects
 from model.diagnosis.noise import Noise, noise_of
@@ -20,6 +20,7 @@ from model.diagnosis.space import NUISANCES, Predictor
 from model.diagnosis.verdict import Verdict, Weighed, decide
 from model.diagnosis.where import Disagreement, disagreement, neighbour_correlation
 from model.effects import CATALOGUE, Effect
+from model.support.arrays import Array
 
 FEWEST_ROWS = 12
 FEWEST_DRIVEN = 8

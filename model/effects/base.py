@@ -14,13 +14,11 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 
 from model.parameters import TouchParameters
-from model.touch import Branch, Contact, Drive, Friction, Values
+from model.support.arrays import Values
+from model.touch import Branch, Contact, Drive, Friction
 
 Stage = Literal["drive", "stack", "air gap", "pressure", "load", "friction", "contact"]
 Scale = Literal["log", "linear"]
-SPEED_REFERENCE_M_S = (
-    0.02  # the speed of the paper's experiment; where an effect of speed leaves the base model as it is
-)
 
 
 @dataclass(frozen=True)
@@ -48,11 +46,6 @@ class EffectParameter:
             else self.median + self.std * x
         )
         return np.clip(value, self.low, self.high)
-
-    def to_normal(self, value: float) -> float:
-        """How many prior standard deviations `value` lies from the median."""
-        offset = np.log(value / self.median) if self.scale == "log" else value - self.median
-        return float(offset / self.std)
 
 
 def log_parameter(unit: str, median: float, factor: float, bounds: tuple[float, float], off: float) -> Any:

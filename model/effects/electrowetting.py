@@ -7,7 +7,8 @@ from typing import ClassVar
 
 from model.effects.base import Effect, Stage, log_parameter
 from model.parameters import TouchParameters
-from model.touch import Contact, Drive, Values
+from model.support.arrays import Values
+from model.touch import Contact, Drive
 
 
 @dataclass(frozen=True)

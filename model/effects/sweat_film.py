@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from model.dielectrics import EPS0
 from model.effects.base import Effect, Stage, linear_parameter, log_parameter
+from model.electric.dielectrics import EPS0
 from model.parameters import TouchParameters
 from model.touch import Branch, Drive
 

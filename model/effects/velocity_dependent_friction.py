@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from model.effects.base import SPEED_REFERENCE_M_S, Effect, Stage, linear_parameter
-from model.touch import Drive, Friction
+from model.effects.base import Effect, Stage, linear_parameter
+from model.touch import SPEED_REFERENCE_M_S, Drive, Friction
 
 
 @dataclass(frozen=True)

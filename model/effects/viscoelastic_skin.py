@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from model.effects.base import SPEED_REFERENCE_M_S, Effect, Stage, linear_parameter
+from model.effects.base import Effect, Stage, linear_parameter
 from model.parameters import TouchParameters
-from model.touch import Contact, Drive
+from model.touch import SPEED_REFERENCE_M_S, Contact, Drive
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from model.dielectrics import Array
 from model.figures.facts import COF_OFF, COF_OFF_STANDARD_ERROR, LEAST_LOSS_HZ, PEAK_HZ
 from model.figures.numbers import (
     CHANGED,
@@ -26,6 +25,7 @@ from model.figures.numbers import (
     Sensitivity,
     Touching,
 )
+from model.support.arrays import Array
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

@@ -11,17 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.dielectrics import Array, Dielectric
-from model.figures.numbers import (
-    PAPER_HZ,
-    STEP_V,
-    SWEEP_HZ,
-    VOLTAGE_V,
-    Charges,
-    Sensitivity,
-    Touching,
-    loss_tangent,
-)
+from model.electric.dielectrics import Dielectric
+from model.figures.numbers import PAPER_HZ, STEP_V, SWEEP_HZ, VOLTAGE_V, Charges, Sensitivity, Touching, loss_tangent
+from model.support.arrays import Array
 
 COF_OFF, COF_OFF_STANDARD_ERROR = 0.512, 0.006  # section IV.A, mean of 9 trials
 PEAK_HZ, LEAST_LOSS_HZ = 250.0, 1e5  # abstract; section V

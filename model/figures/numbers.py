@@ -14,18 +14,20 @@ from math import pi
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from model.charges import Layers, coefficients, constant_layers, simulate
-from model.contact import area_ratio, mean_gap
+from model.conditions import Conditions
+from model.contact.gap_distribution import area_ratio, mean_gap
+from model.contact.roughness import SelfAffineShape
 from model.description import ModelDescription
-from model.dielectrics import EPS0, Array, Dielectric, total_conductivity_s_per_m
-from model.errors import ModelError
-from model.layers import leak_conductance_per_pa
+from model.electric.charges import Layers, coefficients, constant_layers, simulate
+from model.electric.closed_forms import closed_form
+from model.electric.dielectrics import EPS0, Dielectric, total_conductivity_s_per_m
+from model.electric.layers import leak_conductance_per_pa
 from model.parameters import TouchParameters
 from model.published import as_published, complex_layers, printed_coefficients
 from model.published import solve as solve_published
-from model.reference_solutions import closed_form
-from model.roughness import SelfAffineShape
-from model.touch_model import Conditions, TouchModel
+from model.support.arrays import Array
+from model.support.errors import ModelError
+from model.touch_model import TouchModel
 
 PAPER_HZ = np.array([1.0, 10.0, 50.0, 100.0, 250.0, 500.0, 1e3, 1e4, 1e5, 1e6])  # section III
 SWEEP_HZ = np.unique(np.concatenate([np.geomspace(1.0, 1e6, 121), PAPER_HZ]))

@@ -11,11 +11,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from model.description import ModelDescription
-from model.dielectrics import Array
-from model.errors import ModelError
 from model.figures import drawing, facts, numbers
 from model.figures.facts import Fact
 from model.figures.numbers import Charges, Sensitivity, Touching
+from model.support.arrays import Array
+from model.support.errors import ModelError
 from model.touch_model import TouchModel
 
 Columns = dict[str, Sequence[float] | Sequence[str] | Array]  # of one table, equally long

@@ -16,7 +16,8 @@ from haptic_driver.signals import DriveCommand
 from haptic_driver.simulated_rig import SimulatedRig, friction_of
 from haptic_driver.slides import Slide, render_slide, score, synthetic_slide
 from hw.simulated.faults import Fault, FaultyInstrument
-from model.touch_model import Conditions, TouchModel
+from model.conditions import Conditions
+from model.touch_model import TouchModel
 
 GRATING = Grating(0.70, 0.10, 10e-3)
 

@@ -13,7 +13,8 @@ from haptic_driver.config import load_model
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.study import TASKS, load_study, run_study, statistics
 from haptic_driver.surface_file import read_surface
-from model.touch_model import Conditions, TouchModel
+from model.conditions import Conditions
+from model.touch_model import TouchModel
 from tests.haptic_driver.commands import rows_of
 
 PLAN = """

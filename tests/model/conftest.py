@@ -13,12 +13,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import erf, erfc
 
-from model.chain import prepare
+from model.conditions import Conditions
+from model.contact.gap_table import gap_table
 from model.description import ModelDescription, read_model
-from model.gap_table import gap_table
-from model.layers import branch, leak_per_m_pa
-from model.pressure import GapCircuit
-from model.touch_model import Conditions, TouchModel
+from model.electric.circuit import GapCircuit
+from model.electric.layers import branch, leak_per_m_pa
+from model.touch_model import TouchModel, prepare
 
 MODELS = Path(__file__).parents[2] / "configs" / "models"
 REFERENCE = Path(__file__).parent / "reference.json"

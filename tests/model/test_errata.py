@@ -15,11 +15,14 @@ import pytest
 import sympy as sp
 from scipy.integrate import quad
 
-from model.charges import Layers, coefficients, constant_layers, simulate
-from model.contact import area_ratio, mean_gap
-from model.dielectrics import EPS0, total_conductivity_s_per_m
-from model.gap_table import gap_integrals
-from model.layers import branch, leak_conductance_per_pa
+from model.conditions import Conditions
+from model.contact.gap_distribution import area_ratio, mean_gap
+from model.contact.gap_table import gap_integrals
+from model.contact.roughness import contact_length_m, r_of_hurst
+from model.electric.charges import Layers, coefficients, constant_layers, simulate
+from model.electric.closed_forms import closed_form
+from model.electric.dielectrics import EPS0, total_conductivity_s_per_m
+from model.electric.layers import branch, leak_conductance_per_pa
 from model.published import (
     as_published,
     complex_layers,
@@ -27,9 +30,7 @@ from model.published import (
     printed_coefficients,
     printed_field,
 )
-from model.reference_solutions import closed_form
-from model.roughness import contact_length_m, r_of_hurst
-from model.touch_model import Conditions, TouchModel
+from model.touch_model import TouchModel
 
 PAGE = Path(__file__).parents[2] / "docs" / "errata.md"
 F_HZ, V, LOAD_N, P0_PA = 250.0, 75.0, 0.5, 5e3  # where the page counts consequences: Table I

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.contact import mean_gap
-from model.dielectrics import EPS0
-from model.errors import ModelError
+from model.contact.gap_distribution import mean_gap
+from model.electric.dielectrics import EPS0
 from model.figures import facts, numbers
 from model.published import as_published
+from model.support.errors import ModelError
 from model.touch_model import TouchModel
 
 FINGERS = ("reference", "table1")

@@ -16,7 +16,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import erf, erfc
 
-from model.touch_model import Conditions, TouchModel
+from model.conditions import Conditions
+from model.touch_model import TouchModel
 
 EPS0 = 8.8541878128e-12  # F/m, CODATA 2018
 SHAPES = 1  # roughness shapes drawn besides the shipped ones, each of which needs a gap table

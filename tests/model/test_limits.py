@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model.charges import coefficients, constant_layers, fields
-from model.contact import gap_distribution
-from model.dielectrics import EPS0
-from model.gap_table import gap_integrals
-from model.touch_model import Conditions
+from model.conditions import Conditions
+from model.contact.gap_distribution import gap_distribution
+from model.contact.gap_table import gap_integrals
+from model.electric.charges import coefficients, constant_layers, fields
+from model.electric.dielectrics import EPS0
 
 V, LOAD_N = 75.0, 0.5
 

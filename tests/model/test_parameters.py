@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from model.description import ModelDescription, read_model
-from model.dielectrics import GABRIEL_DRY, GABRIEL_WET, PowerLaw, Tabulated
-from model.errors import ModelError, nearest
+from model.electric.dielectrics import GABRIEL_DRY, GABRIEL_WET, PowerLaw, Tabulated
 from model.parameters import SPECIFICATION, TouchParameters
+from model.support.errors import ModelError, nearest
 
 MODELS = Path(__file__).parents[2] / "configs" / "models"
 SHIPPED = (MODELS / "reference.toml").read_text(encoding="utf-8")

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from model.contact import area_ratio, gap_distribution
+from model.conditions import Conditions
+from model.contact.gap_distribution import area_ratio, gap_distribution
 from model.description import read_model
-from model.dielectrics import EPS0
 from model.effects import BY_NAME
-from model.errors import ModelError
+from model.electric.dielectrics import EPS0
 from model.parameters import Parameter
 from model.published import DIVERGED, NEGATIVE, NO_EQUILIBRIUM, as_published
-from model.touch_model import Conditions, TouchModel
+from model.support.errors import ModelError
+from model.touch_model import TouchModel
 
 FINGERS = ("reference", "table1")
 MODELS = Path(__file__).parents[2] / "configs" / "models"

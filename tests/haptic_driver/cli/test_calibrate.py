@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from model.conditions import Conditions
 from model.description import read_model
-from model.touch_model import Conditions
 
 KNOWN = {"cof_off", "roughness_rms_m", "skin_thickness_m", "leak_scale"}
 

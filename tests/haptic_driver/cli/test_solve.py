@@ -7,7 +7,7 @@ import pytest
 
 from haptic_driver.config import load_rig
 from haptic_driver.surface_builder import SurfaceAxes, build_surface
-from model.touch_model import Conditions
+from model.conditions import Conditions
 
 KEYS = {
     "frequency_hz", "voltage_v", "cof", "electrostatic_force_n", "current_rms_a", "policy", "reachable_cof",

@@ -27,7 +27,8 @@ from haptic_driver.experiments.stroke import stage_of, stroke
 from haptic_driver.served_rig import NORMAL_FORCE_N, ServedRig, as_real
 from hw import apt
 from hw.force_sensor import ForceReading
-from model.touch_model import Conditions, TouchModel
+from model.conditions import Conditions
+from model.touch_model import TouchModel
 from tests.haptic_driver.config_texts import served_rig_text
 from tests.haptic_driver.stand_ins import living_rig
 

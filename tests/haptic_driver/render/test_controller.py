@@ -16,7 +16,7 @@ from haptic_driver.render.kernels import FeedbackSettings
 from haptic_driver.render.safety import violation
 from haptic_driver.signals import FingerState, TargetFriction
 from haptic_driver.surface_file import ready_for_lookup
-from model.touch_model import Conditions
+from model.conditions import Conditions
 
 CHOOSING = [policy for policy in POLICIES if policy != "fixed_frequency"]
 COF_OFF = 0.512

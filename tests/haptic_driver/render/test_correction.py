@@ -11,8 +11,9 @@ from haptic_driver.render.controller import INITIAL, Controller, ControllerSetti
 from haptic_driver.signals import FingerState, TargetFriction
 from haptic_driver.surface_builder import SurfaceAxes, build_surface
 from haptic_driver.surface_file import read_surface, ready_for_lookup
+from model.conditions import Conditions
 from model.parameters import Parameter
-from model.touch_model import Conditions, TouchModel
+from model.touch_model import TouchModel
 
 AXES = SurfaceAxes(frequency_count=40, voltage_count=64, frequency_low_hz=50.0, frequency_high_hz=2e3)
 HIDDEN = {

@@ -18,7 +18,7 @@ from haptic_driver.render.safety import first_outside, gate_envelope
 from haptic_driver.render.texture import Grating, Profile, Script, Step, Uniform
 from haptic_driver.render.tick import TickSettings, TickState, tick
 from haptic_driver.signals import COURSE_POINTS, FingerSample, OperatingPoint
-from model.touch_model import Conditions
+from model.conditions import Conditions
 
 CARRIER_HZ = 250.0
 TICK_S, SAMPLES = 1e-3, 50

@@ -13,7 +13,7 @@ from haptic_driver.render.controller import INITIAL, Controller, ControllerSetti
 from haptic_driver.render.kernels import LONGEST_STEP_S, READING_TIME, Estimate, FeedbackSettings, in_force
 from haptic_driver.render.safety import violation
 from haptic_driver.signals import DriveCommand, FingerState, TargetFriction
-from model.touch_model import Conditions
+from model.conditions import Conditions
 
 LAW = FeedbackSettings(latency_s=0.02)
 HELD = DriveCommand(250.0, 80.0, output_on=True)

@@ -12,7 +12,7 @@ from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.kernels import MERIT_AUTHORITY, MERIT_CURRENT, MERIT_VOLTAGE
 from haptic_driver.render.surface import best_frequency, cof_at, cof_scalar, invert
 from haptic_driver.surface_file import ready_for_lookup
-from model.touch_model import Conditions
+from model.conditions import Conditions
 
 # The batch takes its logarithm from a table good to 2e-7 of an octave: 2e-6 of a cell along frequency, and from node to
 # node friction changes by less than 0.2.

@@ -15,7 +15,7 @@ from haptic_driver.render.safety import violation
 from haptic_driver.render.texture import Grating, Uniform
 from haptic_driver.render.tick import TickSettings, TickState, tick
 from haptic_driver.signals import DriveCommand, FingerSample, SafeOperatingPoint
-from model.touch_model import Conditions
+from model.conditions import Conditions
 
 
 @pytest.fixture(scope="module")

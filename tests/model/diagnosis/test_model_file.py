@@ -18,10 +18,10 @@ from model.diagnosis.rival import Evidence
 from model.diagnosis.space import FINGER, NUISANCES, Predictor
 from model.diagnosis.verdict import Verdict, Weighed
 from model.diagnosis.workflow import Diagnosis
-from model.dielectrics import GABRIEL_WET, ColeCole, Dielectric, PowerLaw, Tabulated
 from model.effects import BY_NAME, Effect
-from model.errors import ModelError
+from model.electric.dielectrics import GABRIEL_WET, ColeCole, Dielectric, PowerLaw, Tabulated
 from model.parameters import Parameter
+from model.support.errors import ModelError
 
 REFERENCE = Path(__file__).parents[3] / "configs" / "models" / "reference.toml"
 VECTOR = np.array([0.1, -0.5, 1.2, 2.0, 0.7, 0.3, -1.1])

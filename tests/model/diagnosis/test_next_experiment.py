@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from model.conditions import Conditions
 from model.description import read_model
 from model.diagnosis import next_experiment as design
 from model.diagnosis.data import Array, Measurements
@@ -20,7 +21,7 @@ from model.diagnosis.space import NUISANCES, Predictor
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects import BY_NAME
 from model.parameters import Parameter
-from model.touch_model import Conditions, TouchModel
+from model.touch_model import TouchModel
 
 FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
 NOISE = 0.02

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from model.conditions import Conditions
 from model.description import read_model
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Problem
@@ -15,7 +16,7 @@ from model.diagnosis.noise import noise_of
 from model.diagnosis.proof import Proof, prove
 from model.diagnosis.rival import features
 from model.diagnosis.space import NUISANCES, Predictor
-from model.touch_model import Conditions, TouchModel
+from model.touch_model import TouchModel
 
 FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
 NOISE = 0.02

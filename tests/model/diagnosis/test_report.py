@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from model.conditions import Conditions
 from model.description import ModelDescription, read_model
 from model.diagnosis.data import Array, read_measurements
 from model.diagnosis.page import sentence, write_html
@@ -21,7 +22,7 @@ from model.diagnosis.report import report, write_report
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects import BY_NAME
 from model.parameters import Parameter
-from model.touch_model import Conditions, TouchModel
+from model.touch_model import TouchModel
 
 FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
 FREQUENCIES, VOLTAGES, LOADS = (1.0, 10.0, 100.0, 1e3, 1e4, 1e6), (50.0, 100.0), (0.2, 0.5, 1.5)

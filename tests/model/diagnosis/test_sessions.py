@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from model.conditions import Conditions
 from model.description import read_model
 from model.diagnosis import workflow
 from model.diagnosis.data import Measurements, read_measurements
@@ -17,7 +18,7 @@ from model.diagnosis.space import NUISANCES, Predictor
 from model.diagnosis.workflow import diagnose
 from model.effects import BY_NAME
 from model.parameters import Parameter
-from model.touch_model import Conditions, TouchModel
+from model.touch_model import TouchModel
 
 MODEL = Path(__file__).resolve().parents[3] / "configs" / "models" / "reference.toml"
 SESSIONS = 5

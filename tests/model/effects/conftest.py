@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from model.conditions import Conditions
 from model.description import ModelDescription
 from model.effects import Effect
-from model.touch_model import Conditions, TouchModel
+from model.touch_model import TouchModel
 
 
 @dataclass(frozen=True)

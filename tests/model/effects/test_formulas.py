@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from model import effects as e
-from model.chain import PreparedTouch, prepare
-from model.contact import gap_distribution
-from model.dielectrics import EPS0, GABRIEL_DRY, GABRIEL_WET
+from model.conditions import Conditions
+from model.contact.gap_distribution import gap_distribution
+from model.contact.gap_table import gap_integrals
 from model.effects import BY_NAME
+from model.electric.dielectrics import EPS0, GABRIEL_DRY, GABRIEL_WET
 from model.friction import cof
-from model.gap_table import gap_integrals
 from model.touch import Friction
-from model.touch_model import Conditions, Prediction, TouchModel
+from model.touch_model import Prediction, PreparedTouch, TouchModel, prepare
 
 MU, AREA_M2 = 0.512, 1e-4
 FREQUENCIES = np.array([1.0, 10.0, 250.0, 3e3, 1e5, 1e6])

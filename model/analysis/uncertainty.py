@@ -1,0 +1,213 @@
+"""How far a model's answers may be off: its numbers' own uncertainty and the contact theory's, carried to friction.
+
+Every number of a model file that has a `std` is uncertain by it; where the file is silent, the finger's own numbers
+are uncertain by the spread between fingers (`FINGER` of the diagnosis). The numbers are taken as independent of one
+another, log-normal where they are positive by nature. Those that shape the roughness (Hurst exponent, wavenumbers,
+gamma) are held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+from scipy.special import ndtri
+from scipy.stats import qmc
+
+from model import solver
+from model.conditions import sines
+from model.contact.gap_table import GapTable
+from model.contact.theory_error import theory_log_std
+from model.description import ModelDescription
+from model.diagnosis.space import FINGER
+from model.effects import BY_NAME
+from model.electric.dielectrics import Dielectric
+from model.parameters import SPECIFICATION, Parameter
+from model.support.arrays import Array, ComplexArray, Values
+from model.support.errors import ModelError
+from model.touch import SPEED_REFERENCE_M_S, Drive
+from model.touch_model import TouchModel, cof, prepare
+
+INTERVAL = (0.16, 0.84)  # one standard deviation each way, were friction normal
+DRAWS = 64
+SEED = 0
+MOST_FREQUENCIES = MOST_VOLTAGES = 25  # at which draws are solved; the interval's width is smooth between them
+MOST_THEORY_ERROR = 0.6  # of the logarithm of pressure, either way
+SHAPE_OF_ROUGHNESS = ("hurst_exponent", "roll_off_wavenumber_per_m", "cut_off_wavenumber_per_m", "contact_gamma")
+# Between subjects and sites, judged from the scatter of skin's dielectric data; unverified.
+SKIN_PERMITTIVITY, SKIN_CONDUCTIVITY = "skin_permittivity", "skin_conductivity"
+SKIN_LOG_STD = {SKIN_PERMITTIVITY: 0.2, SKIN_CONDUCTIVITY: 0.4}
+
+
+@dataclass(frozen=True)
+class ScaledDielectric:
+    """A data set with its permittivity and its total conductivity multiplied by a factor each, at every frequency.
+
+    It stands for another person's skin; where the two factors differ it is not causal, as no data scatter is.
+    """
+
+    base: Dielectric
+    permittivity_factor: Values
+    conductivity_factor: Values
+
+    @property
+    def name(self) -> str:
+        """That of the data set."""
+        return self.base.name
+
+    @property
+    def source(self) -> str:
+        """That of the data set."""
+        return self.base.source
+
+    def permittivity(self, frequency_hz: Array) -> ComplexArray:
+        """See `Dielectric`; factors broadcast against the frequencies."""
+        k = self.base.permittivity(frequency_hz)
+        return np.asarray(k.real * self.permittivity_factor + 1j * k.imag * self.conductivity_factor)
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """One number that is known within a spread.
+
+    `name` is a parameter's, `effect.parameter`, or one of `SKIN_LOG_STD`; `std` is of the logarithm if `logarithmic`.
+    """
+
+    name: str
+    value: float
+    std: float
+    logarithmic: bool
+    low: float
+    high: float
+
+    def at(self, x: Values) -> Values:
+        """The value `x` standard deviations from the model's, kept within the file's range; any shape."""
+        value = self.value * np.exp(self.std * x) if self.logarithmic else self.value + self.std * x
+        return np.clip(value, self.low, self.high)
+
+
+def uncertain_numbers(description: ModelDescription) -> tuple[Uncertain, ...]:
+    """Every number of the model that is uncertain, the finger and the screen first, then skin data and effects."""
+    between_fingers = {n.name: n.log_std for n in FINGER if n.name != "cof_off"}
+    found = []
+    for name, p in description.parameters.items():
+        std = p.std if p.std is not None else p.value * between_fingers.get(name, 0.0)
+        if std > 0.0 and name not in SHAPE_OF_ROUGHNESS:
+            low, high = SPECIFICATION[name]["low"], SPECIFICATION[name]["high"]
+            found.append(_uncertain(name, p.value, std, p.value > 0.0, low, high))
+    found += [Uncertain(name, 1.0, log_std, True, 0.0, np.inf) for name, log_std in SKIN_LOG_STD.items()]
+    for effect, values in description.effect_parameters.items():
+        for known_as in BY_NAME[effect].parameters():
+            p = values[known_as.name]
+            if p.std:
+                logarithmic = known_as.scale == "log" and p.value > 0.0
+                full_name = f"{effect}.{known_as.name}"
+                found.append(_uncertain(full_name, p.value, p.std, logarithmic, known_as.low, known_as.high))
+    return tuple(found)
+
+
+def _uncertain(name: str, value: float, std: float, logarithmic: bool, low: float, high: float) -> Uncertain:
+    return Uncertain(name, value, std / value if logarithmic else std, logarithmic, low, high)
+
+
+def varied(description: ModelDescription, numbers: tuple[Uncertain, ...], x: Any) -> ModelDescription:
+    """The model with `numbers` [d] at `x` [d, ...] standard deviations: values of shape [...], as a fit has them."""
+    values = {number.name: number.at(x_i) for number, x_i in zip(numbers, x, strict=True)}
+
+    def changed(entries: dict[str, Parameter], prefix: str = "") -> dict[str, Parameter]:
+        return {k: replace(p, value=values.get(prefix + k, p.value)) for k, p in entries.items()}
+
+    factors = (values.get(SKIN_PERMITTIVITY, 1.0), values.get(SKIN_CONDUCTIVITY, 1.0))
+    return replace(
+        description,
+        dielectric=ScaledDielectric(description.dielectric, *factors),
+        parameters=changed(description.parameters),
+        effect_parameters={e: changed(p, f"{e}.") for e, p in description.effect_parameters.items()},
+    )
+
+
+def normal_draws(count: int, dimensions: int, seed: int) -> Array:
+    """Standard normal numbers [count, dimensions] that fill their space evenly (scrambled Sobol sequence)."""
+    generator = np.random.default_rng(seed)
+    uniform = qmc.Sobol(dimensions, seed=generator).random_base2(int(np.ceil(np.log2(count))))[:count]
+    return np.asarray(ndtri(np.clip(uniform, 1e-9, 1.0 - 1e-9)))
+
+
+def cof_interval(
+    description: ModelDescription,
+    frequency_hz: Array,
+    voltage_v: Array,
+    normal_force_n: Array,
+    own_cof: Array,
+    draws: int = DRAWS,
+    seed: int = SEED,
+) -> tuple[Array, Array]:
+    """Friction at both ends of `INTERVAL` at every point [f, v, n] of a surface, whose friction is `own_cof`.
+
+    Infinite where so high a friction means that the contact may have pulled in. Solved on some of the frequencies and
+    voltages (from 0); what is interpolated is the ratio to `own_cof`. ModelError for the equations as printed, whose
+    error is not one of their numbers.
+    """
+    if description.is_published:
+        raise ModelError("the equations as printed have no uncertainty to carry", "Use a model of variant 'corrected'")
+    f, v = _thinned(frequency_hz, MOST_FREQUENCIES), np.linspace(0.0, voltage_v[-1], MOST_VOLTAGES)
+    drive = sines(f[:, None, None], v[:, None], normal_force_n, SPEED_REFERENCE_M_S, 0.0)
+    table, base = TouchModel(description).table, TouchModel(description).answer(drive)
+    theory = theory_error(description, drive, base.electrostatic_force_n)
+    numbers = uncertain_numbers(description)
+    drawn = np.empty((draws, *base.cof.shape))
+    for i, x in enumerate(normal_draws(draws, len(numbers) + 1, seed)):
+        gain = np.exp(np.clip(theory * x[-1], -MOST_THEORY_ERROR, MOST_THEORY_ERROR))
+        drawn[i] = _cof_of(varied(description, numbers, x[:-1]), table, drive, gain)
+    drawn[np.isnan(drawn)] = np.inf
+    ends = np.quantile(drawn, INTERVAL, axis=0, method="inverted_cdf")
+    at = np.stack(np.meshgrid(np.log(frequency_hz), voltage_v, np.log(normal_force_n), indexing="ij"), axis=-1)
+    nodes = (np.log(f), v, np.log(normal_force_n))
+    low, high = (np.asarray(own_cof * _interpolated(nodes, end / base.cof, at)) for end in ends)
+    return low, high
+
+
+def provenance(description: ModelDescription) -> dict[str, Any]:
+    """What an interval was made from, as JSON can hold it: spreads of the logarithm where they are of it."""
+    numbers = {u.name: {"std": u.std, "of_logarithm": u.logarithmic} for u in uncertain_numbers(description)}
+    return {"interval": list(INTERVAL), "draws": DRAWS, "seed": SEED, "theory": "theory_log_std", "numbers": numbers}
+
+
+def theory_error(description: ModelDescription, drive: Drive, force_n: Array) -> Array:
+    """One standard deviation of log(pressure) that the contact theory leaves, where `force_n` acts; of its shape."""
+    p = description.values
+    circuit = prepare(p, description.dielectric, description.effects, drive).circuit
+    pressure_pa = circuit.load_pa + np.nan_to_num(force_n.ravel()) / p.contact_area_m2 + circuit.added_pa
+    a = 1.0 + (circuit.bypass_per_m[:, 0] + circuit.leak_per_m_pa[:, 0] * pressure_pa) * circuit.h_m[:, 0]
+    std = theory_log_std(
+        pressure_pa,
+        np.abs(circuit.k_gap[:, 0] * circuit.h_m[:, 0] / a + circuit.gap_shift_m),
+        pressure_scale_pa=circuit.pressure_scale_pa,
+        length_scale_m=circuit.length_scale_m,
+    )
+    return std.reshape(force_n.shape)
+
+
+def _cof_of(description: ModelDescription, table: GapTable, drive: Drive, gain: Array) -> Array:
+    """Friction with `gain` times the pressure per squared volt, both [f, v, n]."""
+    p = description.values
+    touch = prepare(p, description.dielectric, description.effects, drive)
+    circuit = touch.circuit._replace(mean_square_v2=touch.circuit.mean_square_v2 * gain.reshape(-1, 1))
+    p_e, _ = solver.solve(table, circuit)
+    return cof(description.friction_law, p, touch, p_e * p.contact_area_m2, drive.normal_force_n)
+
+
+def _thinned(values: Array, most: int) -> Array:
+    """At most `most` of the values, both ends among them."""
+    kept = np.unique(np.round(np.linspace(0, values.size - 1, min(most, values.size))).astype(int))
+    return np.asarray(values[kept])
+
+
+def _interpolated(nodes: tuple[Array, ...], ratio: Array, points: Array) -> Array:
+    """At `points` [..., 3], linear in the logarithm; infinite wherever a node around is, or has no answer."""
+    known = np.isfinite(ratio)
+    log_ratio = RegularGridInterpolator(nodes, np.log(np.where(known, ratio, 1.0)))(points)
+    unknown = RegularGridInterpolator(nodes, (~known).astype(float))(points)
+    return np.where(unknown > 0.0, np.inf, np.exp(log_ratio))

@@ -1,0 +1,97 @@
+"""What is asked of the model: conditions of many touches, checked, and the drive that they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.support.arrays import Array, Values
+from model.support.errors import ModelError, nearest
+from model.touch import SPEED_REFERENCE_M_S, Drive
+
+WAVEFORMS = ("sine", "square", "dc")
+SINE_MEAN_SQUARE = 0.5  # of amplitude 1 V; square waves and direct voltages have 1
+UNDRIVEN_HZ = 250.0  # stands for the ignored frequency of rows without voltage
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Conditions of n touches, all arrays [n].
+
+    `voltage_v` is the amplitude at the electrode; where it is 0 the frequency is ignored. `waveform` holds names of
+    `WAVEFORMS`; a square wave is treated at its fundamental, with the mean square of the whole wave. `voltage_offset_v`
+    is a steady bias added to it. `speed_m_s` and `time_s` matter to some effects only.
+    """
+
+    frequency_hz: Array
+    voltage_v: Array
+    normal_force_n: Array
+    voltage_offset_v: Array | None = None
+    waveform: NDArray[np.str_] | None = None
+    speed_m_s: Array | None = None
+    time_s: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what has no physical meaning, naming the row."""
+        wave = self._wave()
+        unknown = ~np.isin(wave, WAVEFORMS)
+        if unknown.any():
+            i = int(np.argmax(unknown))
+            raise ModelError(f"row {i + 1}: waveform '{wave[i]}' is unknown", nearest(str(wave[i]), list(WAVEFORMS)))
+        driven = np.asarray(self.voltage_v) != 0.0
+        _check(self.frequency_hz, 1e-3, 1e9, "frequency_hz", "Hz", driven & (wave != "dc"))
+        _check(self.voltage_v, 0.0, 1e5, "voltage_v", "V")
+        _check(self.normal_force_n, 1e-4, 1e3, "normal_force_n", "N")
+        if self.voltage_offset_v is not None:
+            _check(self.voltage_offset_v, -1e5, 1e5, "voltage_offset_v", "V")
+        if self.speed_m_s is not None:
+            _check(self.speed_m_s, 0.0, 10.0, "speed_m_s", "m/s")
+        if self.time_s is not None:
+            _check(self.time_s, -1e9, 1e9, "time_s", "s")
+
+    def drive(self) -> Drive:
+        """The same as the model's first stage takes it."""
+        wave, voltage = self._wave(), np.asarray(self.voltage_v, dtype=np.float64)
+        direct = wave == "dc"
+        offset = np.zeros_like(voltage) if self.voltage_offset_v is None else np.asarray(self.voltage_offset_v)
+        voltage = np.where(direct, voltage + offset, voltage)  # two direct voltages are one
+        return Drive(
+            frequency_hz=np.where(voltage == 0.0, UNDRIVEN_HZ, np.where(direct, 0.0, self.frequency_hz)),
+            voltage_v=voltage,
+            voltage_offset_v=np.where(direct, 0.0, offset),
+            mean_square_factor=np.where(wave == "sine", SINE_MEAN_SQUARE, 1.0),
+            normal_force_n=np.asarray(self.normal_force_n, dtype=np.float64),
+            speed_m_s=SPEED_REFERENCE_M_S if self.speed_m_s is None else np.asarray(self.speed_m_s),
+            time_s=0.0 if self.time_s is None else np.asarray(self.time_s),
+            steady=direct.astype(np.float64),
+        )
+
+    def _wave(self) -> NDArray[np.str_]:
+        return np.full(np.shape(self.voltage_v), "sine") if self.waveform is None else np.asarray(self.waveform)
+
+
+def sines(frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: Values, time_s: float) -> Drive:
+    """The drive of every combination; everything broadcasts."""
+    return Drive(
+        frequency_hz=np.where(voltage_v == 0.0, UNDRIVEN_HZ, frequency_hz),
+        voltage_v=voltage_v,
+        voltage_offset_v=0.0,
+        mean_square_factor=SINE_MEAN_SQUARE,
+        normal_force_n=normal_force_n,
+        speed_m_s=speed_m_s,
+        time_s=time_s,
+    )
+
+
+def _check(
+    values: Array, low: float, high: float, name: str, unit: str, where: NDArray[np.bool_] | None = None
+) -> None:
+    v = np.asarray(values, dtype=np.float64)
+    wrong = ~((v >= low) & (v <= high))
+    if where is not None:
+        wrong &= where
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise ModelError(f"row {i + 1}: {name} = {v[i]:g} is out of range", f"It must lie in {low:g}..{high:g} {unit}")

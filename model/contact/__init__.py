@@ -1,0 +1,1 @@
+"""What is contact: rough skin on a flat screen, the distribution of its gaps, and the integrals over them."""

@@ -1,0 +1,163 @@
+"""The two gap integrals of electroadhesion, tabulated once for every finger of one roughness shape.
+
+With z = b/a (a complex length that holds insulator, skin and leakage) the electrical side needs only
+
+    K(p, z) = int P(u; p) / |u + z|^2 du      (pressure)
+    L(p, z) = int P(u; p) / (u + z) du        (current)
+
+and roughness only scales them: K = K^(p/(Y* q0 h_rms), z/h_rms) / h_rms^2 and L likewise with 1/h_rms. The table
+holds log K^, log |L^| and arg L^ over (log p^, log |z^|, arg z^ in 0..90 degrees); one exists per
+(H, q1/q0, gamma) and is kept on disk under the hash of these numbers and of its grid.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+import zipfile
+from dataclasses import asdict, dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.contact import gap_distribution
+from model.contact.gap_integrals import ANGLE_AXIS, LOG_P_AXIS, LOG_U_AXIS, LOG_Z_AXIS, TableArrays
+from model.contact.roughness import SelfAffineShape
+from model.support.arrays import Array
+from model.support.cache import cache_dir
+
+FORMAT = 2  # of the cached file and of the quadrature behind it: raise it when either changes
+MAGNIFICATION_STEP = 0.2  # against 0.05: 3e-8 in every integral
+
+
+@dataclass(frozen=True)
+class GapTable:
+    """`values` [n_p, n_z, n_angle, 3]: log K^, log |L^|, arg L^ (rad) on the axes of this module.
+
+    `mass` [n_p, n_u]: P(u) du at the nodes of `gap_nodes`, for integrals that K and L cannot give.
+    """
+
+    shape: SelfAffineShape
+    values: Array
+    mass: Array
+
+    @property
+    def content_hash(self) -> str:
+        """Identifies the numbers in the table, for provenance."""
+        return _key(self.shape)
+
+    @cached_property
+    def arrays(self) -> TableArrays:
+        """The same for compiled code."""
+        log_k, log_l, arg_l = (np.ascontiguousarray(x) for x in np.moveaxis(self.values, -1, 0))
+        mass_below = np.cumsum(self.mass, axis=1) - self.mass
+        return TableArrays(log_k, log_l + 1j * arg_l, gap_nodes(), self.mass, mass_below)
+
+
+@lru_cache(maxsize=8)
+def gap_table(shape: SelfAffineShape, folder: Path | None = None) -> GapTable:
+    """The table for `shape`: from the cache when it is there, else built (under a second) and cached."""
+    path = (folder or cache_dir()) / f"gap-table-{_key(shape)}.npz"
+    table = _read(shape, path)
+    if table is None:
+        table = build_table(shape)
+        _write(path, table)
+    return table
+
+
+def build_table(shape: SelfAffineShape) -> GapTable:
+    """Both integrals by quadrature at every node, and the distributions themselves."""
+    z = np.exp(axis(LOG_Z_AXIS))[:, None] * np.exp(1j * axis(ANGLE_AXIS))
+    values = np.empty((LOG_P_AXIS[2], *z.shape, 3))
+    mass = np.empty((LOG_P_AXIS[2], gap_nodes().size))
+    for i, log_p in enumerate(axis(LOG_P_AXIS)):
+        mass[i] = gap_mass(shape, float(np.exp(log_p)))
+        k_hat, l_hat = integrals_of(mass[i], z)
+        values[i] = logarithms(k_hat, l_hat)
+    return GapTable(shape, values, mass)
+
+
+def gap_nodes() -> Array:
+    """Gaps u [n_u] in units of h_rms at which distributions are kept, evenly spaced in the logarithm."""
+    return np.asarray(np.exp(np.arange(*LOG_U_AXIS)))
+
+
+def gap_mass(shape: SelfAffineShape, p_hat: float, magnification_step: float = MAGNIFICATION_STEP) -> Array:
+    """P(u) du [n_u] under one pressure: weights of the trapezoid rule in log u."""
+    u = gap_nodes()
+    return gap_distribution.gap_distribution(shape, p_hat, magnification_step).density(u) * u * LOG_U_AXIS[2]
+
+
+def gap_integrals(
+    shape: SelfAffineShape, p_hat: float, z_hat: NDArray[np.complex128], magnification_step: float = MAGNIFICATION_STEP
+) -> tuple[Array, NDArray[np.complex128]]:
+    """K^ and L^ of one pressure at the complex lengths `z_hat` (any shape), by direct quadrature.
+
+    Trapezoid rule in log u: the integrand is analytic in a strip of half-width pi/2 around the axis.
+    """
+    return integrals_of(gap_mass(shape, p_hat, magnification_step), z_hat)
+
+
+def integrals_of(mass: Array, z_hat: NDArray[np.complex128]) -> tuple[Array, NDArray[np.complex128]]:
+    """K^ and L^ of one distribution of gaps."""
+    u = gap_nodes()
+    x, y = z_hat.real.ravel(), z_hat.imag.ravel()
+    inverse_square = 1.0 / ((u + x[:, None]) ** 2 + (y * y)[:, None])
+    k_hat = inverse_square @ mass
+    l_hat = inverse_square @ (mass * u) + z_hat.conj().ravel() * k_hat  # 1/(u+z) = (u + conj z)/|u+z|^2
+    return k_hat.reshape(z_hat.shape), l_hat.reshape(z_hat.shape)
+
+
+def logarithms(k_hat: Array, l_hat: NDArray[np.complex128]) -> Array:
+    """log K^, log |L^|, arg L^ along a last axis; a finite floor where the skin is pressed flat and no gap is left."""
+    tiny = np.finfo(np.float64).tiny
+    return np.stack(
+        [np.log(np.maximum(k_hat, tiny)), np.log(np.maximum(np.abs(l_hat), tiny)), np.angle(l_hat)], axis=-1
+    )
+
+
+def axis(spec: tuple[float, float, int]) -> Array:
+    """The nodes of one uniform axis."""
+    return np.linspace(*spec)
+
+
+def _key(shape: SelfAffineShape) -> str:
+    grid = [
+        FORMAT, LOG_P_AXIS, LOG_Z_AXIS, ANGLE_AXIS, LOG_U_AXIS, MAGNIFICATION_STEP,
+        gap_distribution.ZETA_MINUS_ONE_LOW, gap_distribution.LOGISTIC_END, gap_distribution.X_NEGLIGIBLE,
+        gap_distribution.S_NODES,
+    ]  # fmt: skip
+    text = json.dumps([asdict(shape), grid], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _read(shape: SelfAffineShape, path: Path) -> GapTable | None:
+    """The cached table; None where it is absent or damaged, for it is only a cache."""
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            values, mass = file["values"], file["mass"]
+    except (OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile):
+        return None
+    if values.dtype != np.float64 or mass.dtype != np.float64:
+        return None
+    expected = (LOG_P_AXIS[2], LOG_Z_AXIS[2], ANGLE_AXIS[2], 3), (LOG_P_AXIS[2], gap_nodes().size)
+    sound = (values.shape, mass.shape) == expected and np.isfinite(values).all() and np.isfinite(mass).all()
+    return GapTable(shape, values, mass) if sound else None
+
+
+def _write(path: Path, table: GapTable) -> None:
+    """Atomically, so that two processes may build at once; a cache that cannot be written is done without."""
+    part = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        with os.fdopen(handle, "wb") as stream:
+            np.savez(stream, values=table.values, mass=table.mass)
+        os.replace(part, path)
+    except OSError:
+        if part is not None:
+            Path(part).unlink(missing_ok=True)

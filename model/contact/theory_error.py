@@ -1,0 +1,49 @@
+"""How far Persson's contact theory is from a boundary-element solution of the same contact: one table, one function.
+
+`LOG_STD` is |log(solver/theory)| of K = integral of P/(u + h)^2 over the gaps, to which the electrostatic pressure is
+proportional, from docs/validation.md: random self-affine surfaces (H 0.71, h_rms 20 um, q0 1e3 1/m, q1/q0 = 32, Y*
+13.33 MPa; tamaas, Polonsky-Keer); the largest of the rms at the finest grid, the same extrapolated to points without
+size, and an earlier comparison of four surfaces; not below 0.05, the scatter between surfaces. A fingerpad is rough
+over more scales than any solver resolves (q1/q0 = 1e7 in Table I): for a finger this is a judged error, not a measured
+one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+
+from model.support.arrays import Array, Values
+
+PRESSURE_PA = (5e3, 20e3, 100e3)
+GAP_LENGTH_M = (0.3e-6, 1e-6, 5e-6)
+LOG_STD = (  # [pressure, length]
+    (0.30, 0.29, 0.12),
+    (0.15, 0.16, 0.08),
+    (0.23, 0.12, 0.05),
+)
+PRESSURE_SCALE_PA = 13.33e6 * 1e3 * 20e-6  # Y* q0 h_rms of the compared contact
+LENGTH_SCALE_M = 20e-6  # h_rms of the compared contact
+
+
+def theory_log_std(
+    pressure_pa: Values,
+    gap_length_m: Values,
+    *,
+    pressure_scale_pa: Values = PRESSURE_SCALE_PA,
+    length_scale_m: Values = LENGTH_SCALE_M,
+) -> Array:
+    """One standard deviation of log(electrostatic pressure) that the contact theory leaves; everything broadcasts.
+
+    `pressure_pa` is the total pressure on the contact, `gap_length_m` the electrical length |z| (or |h|) added to each
+    gap. The scales are Y* q0 h_rms and h_rms of the finger in question: the theory knows a contact by p/(Y* q0 h_rms)
+    and z/h_rms alone. Linear in the logarithms; outside the compared range the nearest compared value holds.
+    """
+    p = np.asarray(pressure_pa, dtype=np.float64) * PRESSURE_SCALE_PA / pressure_scale_pa
+    length = np.asarray(gap_length_m, dtype=np.float64) * LENGTH_SCALE_M / length_scale_m
+    p, length = np.broadcast_arrays(p, length)
+    at = np.stack(
+        [np.log(np.clip(x, nodes[0], nodes[-1])) for x, nodes in ((p, PRESSURE_PA), (length, GAP_LENGTH_M))], axis=-1
+    )
+    table = RegularGridInterpolator((np.log(PRESSURE_PA), np.log(GAP_LENGTH_M)), np.array(LOG_STD))
+    return np.asarray(table(at)).reshape(p.shape)

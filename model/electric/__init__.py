@@ -1,0 +1,1 @@
+"""What is electric: layers of insulator, gap and skin, the circuit they make, charges over time, current."""

@@ -1,0 +1,239 @@
+"""Charges at the interfaces insulator-air and air-skin over time, and the attraction that follows from them.
+
+Equations (4)-(17) of AliAbbasi et al. 2022 with (15) mended (docs/errata.md) and absolute permittivities. A transient
+needs constants: permittivity and conductivity of the skin are those at one stated frequency. The contact leak, where
+it is wanted, conducts beside the air of each gap as in `layers`; without it (the default) these are the paper's
+equations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from model.electric.dielectrics import EPS0, Dielectric, total_conductivity_s_per_m
+from model.parameters import TouchParameters
+from model.support.arrays import Array, Values
+from model.support.errors import ModelError
+
+SERIES_BELOW = 0.05  # of rate times step: the six terms of the series leave 1e-12 there
+
+
+@dataclass(frozen=True)
+class Layers:
+    """Constants of insulator (1), air gap (g) and skin (2): SI units, permittivities absolute.
+
+    `contact_conductance_s_per_m2` is alpha, conduction beside the air of every gap.
+    """
+
+    insulator_thickness_m: Values
+    insulator_permittivity_f_per_m: Values
+    insulator_conductivity_s_per_m: Values
+    air_permittivity_f_per_m: Values
+    air_conductivity_s_per_m: Values
+    skin_thickness_m: Values
+    skin_permittivity_f_per_m: Values
+    skin_conductivity_s_per_m: Values
+    contact_conductance_s_per_m2: Values = 0.0
+
+    def elastances(self, gap_m: Values) -> tuple[Values, Values, Values]:
+        """Thickness over permittivity of insulator, gap and skin, m^2/F."""
+        return (
+            self.insulator_thickness_m / self.insulator_permittivity_f_per_m,
+            gap_m / self.air_permittivity_f_per_m,
+            self.skin_thickness_m / self.skin_permittivity_f_per_m,
+        )
+
+    def relaxation_rates_per_s(self, gap_m: Values) -> tuple[Values, Values, Values]:
+        """Conductivity over permittivity of insulator, gap and skin, 1/s."""
+        air = self.air_conductivity_s_per_m + self.contact_conductance_s_per_m2 * gap_m
+        return (
+            self.insulator_conductivity_s_per_m / self.insulator_permittivity_f_per_m,
+            air / self.air_permittivity_f_per_m,
+            self.skin_conductivity_s_per_m / self.skin_permittivity_f_per_m,
+        )
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """a to f of (16)-(17): -d rho1/dt = a rho1 + b rho2 + c V, -d rho2/dt = d rho1 + e rho2 + f V.
+
+    a, b, d, e in 1/s; c, f in S/m^2 (per volt: A/m^2).
+    """
+
+    a: Values
+    b: Values
+    c: Values
+    d: Values
+    e: Values
+    f: Values
+
+    def response(self, s_per_s: Values) -> tuple[Values, Values]:
+        """rho1 and rho2 per volt, C/(m^2 V), at the complex frequency s: (18)-(19); s = j w gives the AC phasors."""
+        determinant = (s_per_s + self.e) * (s_per_s + self.a) - self.d * self.b
+        rho1 = (-self.c * (s_per_s + self.e) + self.f * self.b) / determinant
+        rho2 = (-self.f * (s_per_s + self.a) + self.c * self.d) / determinant
+        return rho1, rho2
+
+
+@dataclass(frozen=True)
+class Fields:
+    """Fields of insulator, gap and skin in V/m, all of one shape."""
+
+    insulator: Values
+    gap: Values
+    skin: Values
+
+
+@dataclass(frozen=True)
+class Transient:
+    """Charge densities in C/m^2 and fields in V/m over time, [t, n] for t times and n gaps."""
+
+    rho1_c_per_m2: Array
+    rho2_c_per_m2: Array
+    fields: Fields
+
+    @property
+    def pressure_pa(self) -> Array:
+        """Electrostatic pressure (28) of each gap, eps0/2 E_g^2, at each moment [t, n]."""
+        return np.asarray(0.5 * EPS0 * self.fields.gap**2)
+
+
+def constant_layers(
+    parameters: TouchParameters,
+    dielectric: Dielectric,
+    dielectric_at_hz: float,
+    contact_conductance_s_per_m2: float = 0.0,
+) -> Layers:
+    """The layers with the skin's permittivity and total conductivity at `dielectric_at_hz`, whatever is driven."""
+    if not (np.isfinite(dielectric_at_hz) and dielectric_at_hz > 0.0):
+        raise ModelError(f"dielectric_at_hz = {dielectric_at_hz:g} is no frequency", "Give a number above 0 in Hz")
+    p, at = parameters, np.array([dielectric_at_hz])
+    k_skin = dielectric.permittivity(at)
+    return Layers(
+        insulator_thickness_m=p.insulator_thickness_m,
+        insulator_permittivity_f_per_m=EPS0 * p.insulator_permittivity,
+        insulator_conductivity_s_per_m=p.insulator_conductivity_s_per_m,
+        air_permittivity_f_per_m=EPS0,
+        air_conductivity_s_per_m=p.air_conductivity_s_per_m,
+        skin_thickness_m=p.skin_thickness_m,
+        skin_permittivity_f_per_m=EPS0 * float(k_skin.real[0]),
+        skin_conductivity_s_per_m=float(total_conductivity_s_per_m(k_skin, at)[0]),
+        contact_conductance_s_per_m2=contact_conductance_s_per_m2,
+    )
+
+
+def coefficients(layers: Layers, gap_m: Values) -> Coefficients:
+    """(14)-(15), the latter mended, for gaps of any shape.
+
+    With elastances L = d/eps, rates r = sigma/eps and S their sum, D1/eps1 = Dg/eps_g = D2/eps2 = S.
+    """
+    l1, lg, l2 = layers.elastances(gap_m)
+    r1, rg, r2 = layers.relaxation_rates_per_s(gap_m)
+    whole = l1 + lg + l2
+    return Coefficients(
+        a=(r1 * (lg + l2) + rg * l1) / whole,
+        b=l2 * (r1 - rg) / whole,
+        c=(rg - r1) / whole,
+        d=l1 * (r2 - rg) / whole,
+        e=(r2 * (l1 + lg) + rg * l2) / whole,
+        f=(r2 - rg) / whole,
+    )
+
+
+def fields(layers: Layers, gap_m: Values, voltage_v: Values, rho1: Values, rho2: Values) -> Fields:
+    """(9)-(11): fields under a voltage and interface charges; everything broadcasts."""
+    l1, lg, l2 = layers.elastances(gap_m)
+    displacement = (voltage_v + l1 * rho1 - l2 * rho2) / (l1 + lg + l2)  # eps_g E_g
+    return Fields(
+        insulator=(displacement - rho1) / layers.insulator_permittivity_f_per_m,
+        gap=displacement / layers.air_permittivity_f_per_m,
+        skin=(displacement + rho2) / layers.skin_permittivity_f_per_m,
+    )
+
+
+def simulate(layers: Layers, gap_m: Array, time_s: Array, voltage_v: Array) -> Transient:
+    """Charges and fields of n gaps under any voltage, from neutral layers at `time_s[0]`.
+
+    `gap_m` [n] >= 0, `time_s` [t] rising, `voltage_v` [t] linear in between (its first value is applied at once). Exact
+    for such a voltage at any step: the two modes of (16)-(17) are lags with real rates, each integrated in closed form.
+    """
+    gap, time, voltage = (np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (gap_m, time_s, voltage_v))
+    rising = time.ndim == 1 and bool(np.all(np.diff(time) > 0.0))
+    if not rising or voltage.shape != time.shape or not np.all(np.isfinite(voltage)):
+        raise ModelError(
+            "time_s and voltage_v do not describe a voltage", "Give two columns of one length, time rising"
+        )
+    if gap.ndim != 1 or not np.all(gap >= 0.0):
+        raise ModelError("gap_m is not a list of gaps", "Give one or more lengths of 0 or more in m")
+    slow, fast = _modes(coefficients(layers, gap))
+    lag_slow, lag_fast = (_lag(mode.rate_per_s, time, voltage) for mode in (slow, fast))
+    rho1, rho2 = (-(slow.drive[i] * lag_slow + fast.drive[i] * lag_fast) for i in (0, 1))
+    return Transient(rho1, rho2, fields(layers, gap, voltage[:, None], rho1, rho2))
+
+
+@dataclass(frozen=True)
+class _Mode:
+    """One decay of (16)-(17): its rate, and what part of (c, f) drives it, all [n]."""
+
+    rate_per_s: Array
+    drive: tuple[Array, Array]
+
+
+def _modes(k: Coefficients) -> tuple[_Mode, _Mode]:
+    """The slow and the fast mode; both rates are real and not negative, as in every network of R and C.
+
+    Differences are formed so that the slow mode keeps its digits beside a fast one 1e7 times its rate.
+    """
+    theta = np.sqrt((0.5 * (k.a - k.e)) ** 2 + k.b * k.d)
+    fast = 0.5 * (k.a + k.e) + theta
+    slow = _ratio(k.a * k.e - k.b * k.d, fast)
+    larger = np.maximum(k.a, k.e) - slow
+    smaller = _ratio(k.b * k.d, larger)  # (a - slow)(e - slow) = bd
+    a, e = np.where(k.a >= k.e, larger, smaller), np.where(k.a >= k.e, smaller, larger)
+    spread = 2.0 * theta
+    to_fast = _ratio(a * k.c + k.b * k.f, spread), _ratio(k.d * k.c + e * k.f, spread)
+    apart = spread > 0.0  # equal modes need no splitting
+    to_slow = (
+        np.where(apart, _ratio(e * k.c - k.b * k.f, spread), k.c),
+        np.where(apart, _ratio(a * k.f - k.d * k.c, spread), k.f),
+    )
+    return _Mode(slow, to_slow), _Mode(fast, to_fast)
+
+
+def _ratio(numerator: Array, denominator: Array) -> Array:
+    """Quotient, 0 where the denominator is 0, as without any conduction."""
+    return np.divide(numerator, denominator, out=np.zeros_like(denominator), where=denominator > 0.0)
+
+
+def _lag(rate_per_s: Array, time_s: Array, voltage_v: Array) -> Array:
+    """q' = -rate q + V from q = 0, [t, n], exact for a voltage linear between the times."""
+    step = np.diff(time_s)
+    x = step[:, None] * rate_per_s
+    decay, held = np.exp(-x), step[:, None] * _phi1(x)
+    ramp = step[:, None] * _phi2(x)
+    forced = held * voltage_v[:-1, None] + ramp * np.diff(voltage_v)[:, None]
+    q = np.zeros((time_s.size, rate_per_s.size))
+    for i in range(step.size):
+        q[i + 1] = decay[i] * q[i] + forced[i]
+    return q
+
+
+def _phi1(x: Array) -> Array:
+    """(1 - e^-x)/x."""
+    safe = np.where(x > 0.0, x, 1.0)
+    return np.where(x > 0.0, -np.expm1(-safe) / safe, 1.0)
+
+
+def _phi2(x: Array) -> Array:
+    """(x - 1 + e^-x)/x^2."""
+    safe = np.where(x > SERIES_BELOW, x, 1.0)
+    series = 1 / 2 - x * (1 / 6 - x * (1 / 24 - x * (1 / 120 - x * (1 / 720 - x / 5040))))
+    return np.where(x > SERIES_BELOW, (1.0 - _phi1(safe)) / safe, series)
+
+
+def sine(amplitude_v: float, frequency_hz: float, time_s: Array) -> Array:
+    """V0 cos(w t), the drive of (34)-(35)."""
+    return np.asarray(amplitude_v * np.cos(2.0 * pi * frequency_hz * time_s))

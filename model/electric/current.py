@@ -1,0 +1,55 @@
+"""Current through the finger: what the safety limits are about.
+
+Per area J(u) = (j w eps0 k_g/u + alpha) E(u) u, averaged over the gaps; the worst case (stuck or wet finger) is u -> 0
+everywhere, where only insulator and skin limit it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from model.contact.gap_distribution import area_ratio
+from model.contact.gap_integrals import TableArrays, l_hat
+from model.contact.gap_table import GapTable
+from model.electric.circuit import GapCircuit, divider
+from model.electric.dielectrics import EPS0
+from model.support.arrays import Array, ComplexArray
+from model.support.compiled import in_slices, kernel
+
+
+def sliding_admittance_per_m(table: GapTable, circuit: GapCircuit, total_pressure_pa: Array) -> ComplexArray:
+    """Current density over j w eps0 V of each touch and branch [n, c], 1/m; NaN where the pressure [n] is.
+
+    With z = k_g h/a: (beta/a)(1 - A_real/A0) + (k_g/a^2) L(p, z), beta = alpha/(j w eps0).
+    """
+    apart = 1.0 - area_ratio(table.shape, total_pressure_pa / circuit.pressure_scale_pa)
+    result = np.empty(circuit.h_m.shape, dtype=np.complex128)
+
+    def work(which: slice) -> None:
+        _admittance(table.arrays, circuit.rows(which), total_pressure_pa[which], apart[which], result[which])
+
+    in_slices(work, total_pressure_pa.size)
+    return result
+
+
+def stuck_admittance_per_m(circuit: GapCircuit) -> ComplexArray:
+    """The same for the worst case, without any air gap."""
+    return np.asarray(1.0 / circuit.h_m)
+
+
+def current_rms_a(admittance_per_m: ComplexArray, omega: Array, rms_v: Array, area_m2: float) -> Array:
+    """rms current in A of each touch [n] from its branches [n, c], whose currents differ in frequency."""
+    branches = area_m2 * EPS0 * omega * np.abs(admittance_per_m) * rms_v
+    return np.asarray(np.sqrt(np.sum(branches**2, axis=1)))
+
+
+@kernel
+def _admittance(table: TableArrays, circuit: GapCircuit, pressure: Array, apart: Array, result: ComplexArray) -> None:
+    for i in range(pressure.size):
+        p_hat, h_rms = pressure[i] / circuit.pressure_scale_pa[i], circuit.length_scale_m[i]
+        for c in range(circuit.h_m.shape[1]):
+            result[i, c] = complex(np.nan, np.nan)
+            if np.isfinite(pressure[i]):
+                beta, per_a, z = divider(circuit, i, c, pressure[i])
+                inverse_gap = l_hat(table, p_hat, z / h_rms) / h_rms
+                result[i, c] = per_a * (beta * apart[i] + circuit.k_gap[i, c] * per_a * inverse_gap)

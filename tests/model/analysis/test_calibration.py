@@ -1,0 +1,168 @@
+"""A finger's numbers recovered from the blind generator, which shares no code with the model."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from model.analysis.calibration import calibrate, write_calibration
+from model.analysis.uncertainty import uncertain_numbers
+from model.description import read_model
+from model.diagnosis.data import Measurements, read_measurements
+from model.support.errors import ModelError
+from model.touch_model import TouchModel
+from tests.blind.generator import build, designs
+from tests.blind.generator.__main__ import csv_text
+
+TRUTH = {"cof_off": "mu_off", "roughness_rms_m": "h_rms", "skin_thickness_m": "skin", "leak_scale": "leak"}
+DESIGNS = list(designs.GOOD)
+SEED = 4321
+
+
+def finger_data(folder: Path, index: int) -> tuple[Measurements, dict[str, float]]:
+    """One finger's measurements with nothing hidden, and its true numbers."""
+    made = build.build(build.Spec("F0", index, design=DESIGNS[index % len(DESIGNS)]), SEED)
+    path = folder / f"{index}.csv"
+    path.write_text(csv_text(made.columns))
+    return read_measurements(path), {name: made.label["finger"][key] for name, key in TRUTH.items()}
+
+
+def hits(description, folder: Path, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Whether each interval held the truth [set, parameter], at 68 and 95 %."""
+    found = []
+    for index in range(count):
+        data, truth = finger_data(folder, index)
+        fitted = calibrate(description, data).parameters
+        inside = [[low <= truth[p.name] <= high for low, high in (p.interval_68, p.interval_95)] for p in fitted]
+        found.append(inside)
+    all_hits = np.array(found)
+    return all_hits[:, :, 0], all_hits[:, :, 1]
+
+
+@pytest.fixture(scope="module")
+def reference(models):
+    return models["reference"].description
+
+
+@pytest.fixture(scope="module")
+def rich(tmp_path_factory):
+    return finger_data(tmp_path_factory.mktemp("rich"), DESIGNS.index("rich"))
+
+
+@pytest.fixture(scope="module")
+def found(reference, rich):
+    return calibrate(reference, rich[0])
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say(reference, tmp_path):
+    """20 fingers, 4 numbers each: fewer hits than these come by chance in 1 of 1000 such tests."""
+    in_68, in_95 = hits(reference, tmp_path, 20)
+    assert in_68.sum() >= binom.ppf(1e-3, in_68.size, 0.68)
+    assert in_95.sum() >= binom.ppf(1e-3, in_95.size, 0.95)
+    assert in_68.sum() <= binom.ppf(1.0 - 1e-3, in_68.size, 0.68)  # nor are they wider than need be
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(1800)
+def test_intervals_hold_the_truth_over_many_fingers(reference, tmp_path):
+    """Parameter by parameter; the Gaussian posterior may fall a few per cent short."""
+    in_68, in_95 = hits(reference, tmp_path, 200)
+    assert (in_68.mean(axis=0) > 0.68 - 0.12).all()
+    assert (in_95.mean(axis=0) > 0.95 - 0.05).all()
+
+
+def test_the_finger_is_known_better_than_before_and_the_data_are_explained(found, rich):
+    data, truth = rich
+    assert found.chi2_per_point == pytest.approx(1.0, abs=0.35)
+    assert found.residual.shape == (data.count,)
+    by_name = {p.name: p for p in found.parameters}
+    assert set(by_name) == set(truth)
+    assert by_name["cof_off"].learnt < 0.2
+    for p in found.parameters:
+        assert p.interval_95[0] < p.interval_68[0] < p.value < p.interval_68[1] < p.interval_95[1]
+        assert p.learnt < 1.0
+    assert found.warnings == ()
+
+
+def test_the_calibrated_model_predicts_what_was_fitted(found, rich):
+    data, _ = rich
+    answer = TouchModel(found.model).predict(data.conditions())
+    np.testing.assert_allclose(answer.cof, found.predicted_cof, rtol=1e-9)
+
+
+def test_numbers_held_in_the_fit_lose_their_own_spread(reference, found):
+    before = {u.name for u in uncertain_numbers(reference)}
+    after = {u.name for u in uncertain_numbers(found.model)}
+    assert before - after >= {"skin_modulus_pa", "contact_area_m2"}
+    assert after >= set(TRUTH)
+
+
+def test_data_that_say_nothing_of_a_number_leave_it_at_its_prior(reference, rich):
+    """Without voltage only friction without voltage is known; a few volts are next to none."""
+    data, _ = rich
+    weak = data.columns | {"voltage_v": np.where(data.columns["voltage_v"] > 0.0, 1.0, 0.0)}
+    weak["cof"] = np.where(data.driven, np.median(data.columns["cof"][~data.driven]), data.columns["cof"])
+    found = calibrate(reference, replace(data, columns=weak))
+    learnt = {p.name: p.learnt for p in found.parameters}
+    assert learnt["leak_scale"] > 0.9
+    assert any("leak_scale" in w and "next to nothing" in w for w in found.warnings)
+    prior = {p.name: p.prior_68 for p in found.parameters}["leak_scale"]
+    assert prior == pytest.approx((1.0 / 1.5, 1.5), rel=0.05)  # a factor 1.5, but for the longer tails
+
+
+def test_numbers_known_only_together_are_named(reference, rich):
+    """Roughness and modulus both scale the pressure that the contact needs."""
+    found = calibrate(reference, rich[0], also=["skin_modulus_pa"])
+    assert {"roughness_rms_m", "skin_modulus_pa"} in [{a, b} for a, b, _ in found.correlated]
+    for _, _, correlation in found.correlated:
+        assert 0.9 < abs(correlation) <= 1.0
+    assert any("known only together" in w for w in found.warnings)
+    assert found.parameters[-1].name == "skin_modulus_pa"
+
+
+def test_a_poor_fit_is_said_to_be_one(reference, rich):
+    data, _ = rich
+    f = data.columns["frequency_hz"]
+    bent = data.columns["cof"] * np.where(data.driven & (f > 1e3), 1.4, 1.0)
+    found = calibrate(reference, replace(data, columns=data.columns | {"cof": bent}))
+    assert any("haptic diagnose" in w for w in found.warnings)
+
+
+def test_the_file_written_is_the_model(reference, found, tmp_path):
+    path = tmp_path / "fingers" / "one.toml"
+    write_calibration(found, reference, path, "rich.csv")
+    read = read_model(path)
+    assert read.content_hash == found.model.content_hash
+    assert read.parameters["leak_scale"].std == found.model.parameters["leak_scale"].std
+    assert 'data = "rich.csv"' in path.read_text()
+    assert [p.name for p in path.parent.iterdir()] == ["one.toml"]
+
+
+def test_what_cannot_be_fitted_is_refused(reference, rich):
+    data, _ = rich
+    with pytest.raises(ModelError, match="too few"):
+        calibrate(reference, data.subset(np.arange(data.count) < 5))
+    with pytest.raises(ModelError, match="too few"):
+        calibrate(reference, data.subset(~data.driven))
+    with pytest.raises(ModelError) as unknown:
+        calibrate(reference, data, also=["skin_modulus"])
+    assert "skin_modulus_pa" in unknown.value.hint
+    with pytest.raises(ModelError, match="in any case"):
+        calibrate(reference, data, also=["cof_off"])
+    with pytest.raises(ModelError, match="printed"):
+        calibrate(replace(reference, variant="published"), data)
+
+
+def test_data_without_any_noise_are_refused(reference):
+    n = 10
+    columns = {
+        "frequency_hz": np.geomspace(10.0, 1e4, n),
+        "voltage_v": np.linspace(0.0, 90.0, n),
+        "normal_force_n": np.full(n, 0.5),
+        "cof": np.full(n, 0.5),
+    }
+    data = Measurements(columns, np.zeros(n, np.intp), ("1",), None, "none")
+    with pytest.raises(ModelError, match="noise"):
+        calibrate(reference, data)

@@ -1,0 +1,155 @@
+"""Intervals of friction against closed forms, linear propagation and convergence."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from model.analysis import uncertainty
+from model.contact.theory_error import theory_log_std
+from model.parameters import Parameter
+from model.support.errors import ModelError
+from model.touch_model import TouchModel
+
+F = np.geomspace(1.0, 1e6, 40)
+V = np.linspace(0.0, 120.0, 31)
+N = np.geomspace(0.1, 2.0, 5)
+QUANTILE_OF_64 = 0.15  # relative error of a 16 % quantile of 64 evenly spread draws
+
+
+@pytest.fixture(scope="module")
+def reference(models):
+    return models["reference"].description
+
+
+@pytest.fixture(scope="module")
+def cof(models):
+    return models["reference"].surface(F, V, N).cof
+
+
+@pytest.fixture(scope="module")
+def interval(reference, cof):
+    return uncertainty.cof_interval(reference, F, V, N, cof)
+
+
+def only(description, **log_std):
+    """The model with these numbers uncertain and no others."""
+    parameters = {name: replace(p, std=p.value * log_std.get(name, 0.0)) for name, p in description.parameters.items()}
+    return replace(description, parameters=parameters)
+
+
+@pytest.fixture
+def exact_theory_and_skin(monkeypatch):
+    monkeypatch.setattr(uncertainty, "theory_log_std", lambda p, *_, **__: np.zeros_like(p))
+    monkeypatch.setattr(uncertainty, "SKIN_LOG_STD", {})
+
+
+def test_what_is_uncertain_is_what_the_file_says_and_what_differs_between_fingers(reference):
+    found = {u.name: u for u in uncertainty.uncertain_numbers(reference)}
+    assert found["roughness_rms_m"].std == pytest.approx(0.1)  # 2 of 20 um
+    assert found["leak_scale"].std == pytest.approx(np.log(1.5))  # the file is silent
+    assert found["cof_off"].std == pytest.approx(0.006 / 0.512)
+    assert not set(found) & set(uncertainty.SHAPE_OF_ROUGHNESS)
+    assert set(found) > set(uncertainty.SKIN_LOG_STD)
+
+
+def test_effects_bring_their_own_uncertainty(reference):
+    effect = {"series_resistance": {"resistance_ohm": Parameter(2e4, "ohm", "", 4e3)}}
+    numbers = uncertainty.uncertain_numbers(replace(reference, effect_parameters=effect))
+    found = {u.name: u for u in numbers}["series_resistance.resistance_ohm"]
+    assert found.std == pytest.approx(0.2)
+    x = np.array([1.0 if u is found else 0.0 for u in numbers])
+    drawn = uncertainty.varied(replace(reference, effect_parameters=effect), numbers, x)
+    assert drawn.effects[0].resistance_ohm == pytest.approx(2e4 * np.exp(0.2))
+    assert drawn.values == reference.values
+
+
+def test_no_deviation_is_the_model_itself(reference, cof):
+    numbers = uncertainty.uncertain_numbers(reference)
+    same = TouchModel(uncertainty.varied(reference, numbers, np.zeros(len(numbers)))).surface(F, V, N).cof
+    np.testing.assert_allclose(same, cof, rtol=1e-12)
+
+
+def test_a_scaled_data_set_scales_permittivity_and_conductivity(reference):
+    base = reference.dielectric.permittivity(F)
+    found = uncertainty.ScaledDielectric(reference.dielectric, 2.0, 3.0).permittivity(F)
+    np.testing.assert_allclose(found.real, 2.0 * base.real)
+    np.testing.assert_allclose(found.imag, 3.0 * base.imag)
+
+
+@pytest.mark.usefixtures("exact_theory_and_skin")
+def test_friction_without_voltage_alone_gives_the_log_normal_quantiles(reference, cof):
+    """Friction is proportional to it everywhere."""
+    low, high = uncertainty.cof_interval(only(reference, cof_off=0.05), F, V, N, cof)
+    expected = 0.05 * norm.ppf(0.84)
+    np.testing.assert_allclose(np.log(high / cof), expected, rtol=QUANTILE_OF_64)
+    np.testing.assert_allclose(np.log(low / cof), -expected, rtol=QUANTILE_OF_64)
+
+
+@pytest.mark.usefixtures("exact_theory_and_skin")
+def test_a_small_spread_is_carried_linearly(reference, variant, cof):
+    """Against a difference quotient of the model: 1 % of insulator thickness."""
+    low, high = uncertainty.cof_interval(only(reference, insulator_thickness_m=0.01), F, V, N, cof)
+    thick = variant(insulator_thickness_m=1e-6 * 1.01).surface(F, V, N).cof
+    driven = (slice(None), slice(10, None))
+    width = np.log(high / low)[driven]
+    expected = 2.0 * norm.ppf(0.84) * np.abs(np.log(thick / cof))[driven]
+    seen = expected > 1e-5
+    assert seen.mean() > 0.5
+    np.testing.assert_allclose(width[seen], expected[seen], rtol=0.3)  # quantiles, and curvature where it is steep
+
+
+def test_without_voltage_only_friction_without_voltage_matters(interval, cof):
+    low, high = interval
+    expected = 0.006 / 0.512 * norm.ppf(0.84)
+    np.testing.assert_allclose(np.log(high / cof)[:, 0], expected, rtol=QUANTILE_OF_64)
+    np.testing.assert_allclose(np.log(low / cof)[:, 0], -expected, rtol=QUANTILE_OF_64)
+
+
+def test_the_interval_holds_the_model_and_widens_with_voltage(interval, cof):
+    low, high = interval
+    assert (low < cof).all()
+    assert (high > cof).all()
+    width = np.log(high / low)[:, :, 2]
+    assert (width[:, 20] > width[:, 5]).all()
+
+
+def test_the_same_seed_gives_the_same_interval_and_more_draws_nearly_so(reference, cof, interval):
+    again = uncertainty.cof_interval(reference, F, V, N, cof)
+    np.testing.assert_array_equal(again, interval)
+    more = uncertainty.cof_interval(reference, F, V, N, cof, draws=128, seed=5)
+    ratio = np.log(more[1] / more[0]) / np.log(interval[1] / interval[0])
+    assert np.median(np.abs(ratio - 1.0)) < QUANTILE_OF_64
+
+
+def test_the_theory_alone_spreads_the_force_by_what_it_says(reference, monkeypatch):
+    """At few volts pressure does not feed back: the rise has the theory's own standard deviation."""
+    monkeypatch.setattr(uncertainty, "SKIN_LOG_STD", {})
+    nothing = only(reference)
+    nothing = replace(nothing, parameters=nothing.parameters | {"leak_scale": Parameter(0.0, "1", "")})
+    base = TouchModel(nothing).surface(F, V, N)
+    _, high = uncertainty.cof_interval(nothing, F, V, N, base.cof)
+    volts, off = 2, 0.512
+    insulator = 3.9 + 1e-13 / (2j * np.pi * F * 8.8541878128e-12)
+    z = np.abs(1e-6 / insulator + 200e-6 / reference.dielectric.permittivity(F))
+    for load in (2, 4):
+        std = theory_log_std(N[load] / 1e-4 + base.electrostatic_force_n[:, volts, load] / 1e-4, z)
+        rise = (high[:, volts, load] - off) / (base.cof[:, volts, load] - off)
+        np.testing.assert_allclose(np.log(rise), std * norm.ppf(0.84), rtol=0.2)
+
+
+def test_a_contact_that_may_have_pulled_in_has_no_upper_end():
+    nodes = (np.array([0.0, 1.0]), np.array([0.0, 1.0]), np.array([0.0, 1.0]))
+    ratio = np.full((2, 2, 2), 1.5)
+    ratio[1, 1, 1] = np.inf
+    at = np.meshgrid([0.0, 0.5], [0.0, 0.5], [0.0, 0.5], indexing="ij")
+    found = uncertainty._interpolated(nodes, ratio, np.stack(at, axis=-1))
+    assert found[0, 0, 0] == pytest.approx(1.5)
+    assert found[1, 1, 1] == np.inf
+    assert np.isinf(found).sum() == 1
+
+
+def test_the_printed_equations_carry_none(reference, cof):
+    with pytest.raises(ModelError, match="printed"):
+        uncertainty.cof_interval(replace(reference, variant="published"), F, V, N, cof)

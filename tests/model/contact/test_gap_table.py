@@ -1,0 +1,322 @@
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from model.contact import gap_distribution
+from model.contact import gap_table as module
+from model.contact.gap_distribution import area_ratio
+from model.contact.gap_integrals import LOG_P_AXIS, k_hat, l_hat
+from model.contact.gap_table import GapTable, gap_integrals, gap_table
+from model.contact.roughness import SelfAffineShape
+
+FINGERS = ("reference", "table1")
+SHAPE = SelfAffineShape(0.8, 1e4, 0.45)
+NODES = (85, 121, 15, 3)
+GAPS = module.gap_nodes().size
+
+
+def look_up(table: GapTable, p_hat: float, z_hat: complex) -> tuple[float, complex]:
+    return k_hat(table.arrays, p_hat, complex(z_hat)), l_hat(table.arrays, p_hat, complex(z_hat))
+
+
+def direct(shape: SelfAffineShape, p_hat: float, z_hat: complex) -> tuple[float, complex]:
+    k, l = gap_integrals(shape, p_hat, np.array([z_hat], dtype=complex), 0.05)  # noqa: E741
+    return float(k[0]), complex(l[0])
+
+
+@pytest.mark.parametrize("name", FINGERS)
+def test_gap_integrals_against_reference(models, scales_of, reference, name: str) -> None:
+    table, scales = models[name].table, scales_of(models[name])
+    r = reference[name]["gap_integrals"]
+    k = [
+        look_up(table, p / scales.pressure_pa, h / scales.length_m)[0] / scales.length_m**2
+        for p, h in zip(r["pressure_pa"], r["h_m"], strict=True)
+    ]
+    np.testing.assert_allclose(k, r["inverse_square_gap_per_m2"], rtol=2e-3)  # reference: 0.05 %
+
+
+@pytest.mark.parametrize(
+    ("name", "pressure_pa", "z_m"),
+    [
+        ("reference", 5e3, 4.56e-7 + 0j),
+        ("table1", 3e4, 1e-6 * np.exp(0.8j)),
+        ("reference", 2e5, 2e-5 * np.exp(1.5j)),
+    ],
+)
+def test_direct_quadrature_against_the_printed_equations(
+    models, scales_of, printed_theory, name, pressure_pa, z_m
+) -> None:
+    scales = scales_of(models[name])
+    slow_k, slow_l, slow_mass = printed_theory(models[name]).gap_integrals(pressure_pa, z_m)
+    k, l = direct(models[name].table.shape, pressure_pa / scales.pressure_pa, z_m / scales.length_m)  # noqa: E741
+    # the slow side differentiates by central differences of step 1e-3: 2e-7 of a derivative, a few of them
+    assert k / scales.length_m**2 == pytest.approx(slow_k, rel=1e-6)
+    assert l / scales.length_m == pytest.approx(slow_l, rel=1e-6)
+    not_in_contact = 1.0 - float(area_ratio(models[name].table.shape, pressure_pa / scales.pressure_pa))
+    assert slow_mass == pytest.approx(not_in_contact, rel=1e-6)
+
+
+def test_one_table_serves_another_finger(models, scales_of, printed_theory, variant) -> None:
+    """K(p, z) = h^-2 K^(p/(Y* q0 h), z/h): three times the height, a fifth of q0 and q1, half the modulus."""
+    other = variant(
+        roughness_rms_m=60e-6, roll_off_wavenumber_per_m=200.0, cut_off_wavenumber_per_m=2e9, skin_modulus_pa=5e6
+    )
+    assert other.table is models["reference"].table
+    slow_k, slow_l, _ = printed_theory(other).gap_integrals(4e3, 2e-6 * np.exp(0.4j))
+    scales = scales_of(other)
+    k, l = look_up(other.table, 4e3 / scales.pressure_pa, 2e-6 * np.exp(0.4j) / scales.length_m)  # noqa: E741
+    assert k / scales.length_m**2 == pytest.approx(slow_k, rel=1e-4)  # interpolation
+    assert l / scales.length_m == pytest.approx(slow_l, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", FINGERS)
+@given(
+    log_p=st.floats(np.log(1e-6), np.log(4.0)),
+    log_z=st.floats(np.log(1e-7), np.log(1e3)),
+    angle=st.floats(-np.pi / 2.0, np.pi / 2.0),
+)
+@settings(max_examples=40)
+def test_table_against_direct_quadrature(models, name: str, log_p: float, log_z: float, angle: float) -> None:
+    table = models[name].table
+    p_hat, z_hat = np.exp(log_p), np.exp(log_z + 1j * angle)
+    k, l = direct(table.shape, p_hat, z_hat)  # noqa: E741
+    table_k, table_l = look_up(table, p_hat, z_hat)
+    assert table_k == pytest.approx(k, rel=1e-4)  # what the surface is promised
+    assert abs(table_l - l) <= 1e-4 * abs(l)
+
+
+@pytest.mark.parametrize("name", FINGERS)
+@pytest.mark.parametrize("p_hat", [4.5, 6.3, 8.1, 9.7])
+def test_table_where_the_contact_is_nearly_complete(models, name: str, p_hat: float) -> None:
+    """More than 1 MPa: the area out of contact vanishes like an error function, which four nodes follow less well."""
+    table = models[name].table
+    for z_hat in (1e-4, 0.3 * np.exp(0.9j), 50.0):
+        k, l = direct(table.shape, p_hat, z_hat)  # noqa: E741
+        table_k, table_l = look_up(table, p_hat, z_hat)
+        assert table_k == pytest.approx(k, rel=1e-3)  # 4e-4 at most, in the last cells; the reference asks 2e-3
+        assert abs(table_l - l) <= 1e-3 * abs(l)
+
+
+@pytest.mark.parametrize("z_hat", [1e-8, 3e-9 * np.exp(1.0j), 3e3, 1e4 * np.exp(-0.7j), 1e5])
+def test_beyond_the_lengths_of_the_table_its_limits_hold(models, z_hat: complex) -> None:
+    table = models["reference"].table
+    k, l = direct(table.shape, 0.02, z_hat)  # noqa: E741
+    table_k, table_l = look_up(table, 0.02, z_hat)
+    # past the edge at 1e3, K z^2 still moves by 2<u>/z = 4e-3; below the edge at 1e-7, P is not yet quite constant
+    # and K |z| rises by 2.3 %
+    assert table_k == pytest.approx(k, rel=5e-3 if abs(z_hat) > 1.0 else 3e-2)
+    if abs(z_hat) > 1.0:
+        assert abs(table_l - l) <= 5e-3 * abs(l)  # L moves half as much
+
+
+def test_far_limit_is_the_area_out_of_contact(models) -> None:
+    """K z^2 -> L z -> 1 - A_real/A0 where the stack is far thicker than the gap."""
+    table = models["reference"].table
+    k, l = look_up(table, 5e3 / 266617.0, 1e5)  # noqa: E741
+    assert k * 1e10 == pytest.approx(1.0 - 1.785e-4, rel=6e-3)  # the correction 2<u>/z is frozen at z = 1e3: 0.44 %
+    assert l * 1e5 == pytest.approx(1.0 - 1.785e-4, rel=3e-3)
+
+
+@given(
+    log_p=st.floats(np.log(1e-5), np.log(5.0)),
+    log_z=st.floats(np.log(1e-6), np.log(1e2)),
+    angle=st.floats(0.0, np.pi / 2.0),
+)
+@settings(max_examples=50)
+def test_conjugate_symmetry(models, log_p: float, log_z: float, angle: float) -> None:
+    table, p_hat, z_hat = models["table1"].table, np.exp(log_p), np.exp(log_z + 1j * angle)
+    k, l = look_up(table, p_hat, z_hat)  # noqa: E741
+    k_conj, l_conj = look_up(table, p_hat, z_hat.conjugate())
+    assert k_conj == pytest.approx(k, rel=1e-12)  # rounding of the angle
+    assert l_conj == pytest.approx(l.conjugate(), rel=1e-12)
+    assert l.imag <= 0.0  # 1/(u + z) has the opposite sign of z
+
+
+def test_beyond_its_pressures_the_table_holds_its_ends(models) -> None:
+    for outside, end in ((0.9e-6, 1e-6), (11.0, 10.0)):
+        for found, expected in zip(
+            look_up(models["reference"].table, outside, 1.0), look_up(models["reference"].table, end, 1.0), strict=True
+        ):
+            assert found == pytest.approx(expected, rel=1e-12)  # rounding of the end's logarithm
+
+
+def test_grid_of_magnifications_has_converged() -> None:
+    z = np.array([1e-6, 1e-3 * np.exp(0.5j), 1.0j, 30.0])
+    for p_hat in (1e-4, 0.02, 1.0):
+        coarse, fine = (gap_integrals(SHAPE, p_hat, z, step) for step in (0.2, 0.05))
+        np.testing.assert_allclose(coarse[0], fine[0], rtol=1e-5)  # a tenth of what interpolation may cost
+        np.testing.assert_allclose(coarse[1], fine[1], rtol=1e-5)
+
+
+def test_grid_of_gaps_has_converged(monkeypatch: pytest.MonkeyPatch) -> None:
+    z = np.array([1e-6, 1e-3 * np.exp(0.5j), 1.0j, 30.0])
+    k, l = gap_integrals(SHAPE, 0.02, z)  # noqa: E741
+    low, high, step = module.LOG_U_AXIS
+    monkeypatch.setattr(module, "LOG_U_AXIS", (low, high, 0.31 * step))
+    finer_k, finer_l = gap_integrals(SHAPE, 0.02, z)
+    np.testing.assert_allclose(k, finer_k, rtol=1e-6)  # the same trapezoid rule on other nodes
+    np.testing.assert_allclose(l, finer_l, rtol=1e-6)
+
+
+def save(path: Path, **changes: np.ndarray) -> None:
+    np.savez(path, **{"values": np.full(NODES, 0.25), "mass": np.full((NODES[0], GAPS), 0.5), **changes})
+
+
+def plain_array() -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, np.full(NODES, 0.25))
+    return stream.getvalue()
+
+
+def flip(path: Path, position: float) -> None:
+    content = bytearray(path.read_bytes())
+    content[int(position * len(content))] ^= 0xFF
+    path.write_bytes(content)
+
+
+class TestCache:
+    """`build_table` is replaced by constants: what counts here is where numbers are kept."""
+
+    @pytest.fixture
+    def builds(self, monkeypatch: pytest.MonkeyPatch) -> list[SelfAffineShape]:
+        calls: list[SelfAffineShape] = []
+
+        def build(shape: SelfAffineShape) -> GapTable:
+            calls.append(shape)
+            return GapTable(shape, np.full(NODES, 0.25), np.full((NODES[0], GAPS), 0.5))
+
+        monkeypatch.setattr(module, "build_table", build)
+        return calls
+
+    def load(self, folder) -> GapTable:
+        return gap_table.__wrapped__(SHAPE, folder)  # past the memory of this process
+
+    def test_second_load_reads_what_the_first_wrote(self, tmp_path, builds) -> None:
+        first, second = self.load(tmp_path / "new" / "folder"), self.load(tmp_path / "new" / "folder")
+        assert len(builds) == 1
+        np.testing.assert_array_equal(second.values, first.values)
+        np.testing.assert_array_equal(second.mass, first.mass)
+        assert second.content_hash == first.content_hash
+
+    def test_nothing_but_the_finished_file_is_left(self, tmp_path, builds) -> None:
+        table = self.load(tmp_path)
+        assert [p.name for p in tmp_path.iterdir()] == [f"gap-table-{table.content_hash}.npz"]
+
+    @pytest.mark.parametrize(
+        "damage",
+        [
+            lambda path: path.write_bytes(path.read_bytes()[:-100]),
+            lambda path: path.write_bytes(path.read_bytes()[:60]),
+            lambda path: path.write_bytes(b"not an array at all"),
+            lambda path: save(path, values=np.zeros((3, 3))),
+            lambda path: save(path, values=np.full(NODES, np.nan)),
+            lambda path: save(path, values=np.array([{"a": 1}], dtype=object)),
+            lambda path: path.write_bytes(b""),
+            lambda path: save(path, values=np.full(NODES, "text")),
+            lambda path: save(path, mass=np.zeros((NODES[0], GAPS - 1))),
+            lambda path: save(path, mass=np.full((NODES[0], GAPS), np.inf)),
+            lambda path: save(path, mass=np.full((NODES[0], GAPS), "text")),
+            lambda path: np.savez(path, values=np.full(NODES, 0.25)),
+            lambda path: path.write_bytes(plain_array()),
+            lambda path: flip(path, 0.5),
+            lambda path: flip(path, 0.001),
+        ],
+        ids=[
+            "cut", "header-cut", "text", "shape", "nan", "pickle", "empty", "strings", "mass-shape", "mass-inf",
+            "mass-strings", "no-mass", "plain-array", "flipped-byte", "flipped-header",
+        ],
+    )  # fmt: skip
+    def test_a_damaged_or_foreign_file_is_built_again(self, tmp_path, builds, damage) -> None:
+        path = tmp_path / f"gap-table-{self.load(tmp_path).content_hash}.npz"
+        damage(path)
+        table = self.load(tmp_path)
+        np.testing.assert_array_equal(table.values, np.full(NODES, 0.25))
+        np.testing.assert_array_equal(table.mass, np.full((NODES[0], GAPS), 0.5))
+        assert len(builds) == 2
+        with np.load(path) as mended:  # on disk too
+            np.testing.assert_array_equal(mended["values"], np.full(NODES, 0.25))
+            np.testing.assert_array_equal(mended["mass"], np.full((NODES[0], GAPS), 0.5))
+
+    def test_a_cache_that_cannot_be_written_is_done_without(self, tmp_path, builds) -> None:
+        in_the_way = tmp_path / "file"
+        in_the_way.write_text("a file where the folder should be")
+        assert self.load(in_the_way).values.shape == NODES
+
+    def test_a_failed_write_leaves_the_old_file(self, tmp_path, builds, monkeypatch: pytest.MonkeyPatch) -> None:
+        def full_disk(file, **arrays) -> None:
+            file.write(b"half")
+            raise OSError(28, "No space left on device")
+
+        old = tmp_path / "table.npz"
+        old.write_bytes(b"old")
+        monkeypatch.setattr(module.np, "savez", full_disk)
+        module._write(old, GapTable(SHAPE, np.zeros(3), np.zeros(3)))
+        assert old.read_bytes() == b"old"
+
+    def test_a_failed_write_leaves_no_part(self, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+        def full_disk(file, **arrays) -> None:
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr(module.np, "savez", full_disk)
+        module._write(tmp_path / "table.npz", GapTable(SHAPE, np.zeros(3), np.zeros(3)))
+        assert list(tmp_path.iterdir()) == []
+
+    def test_each_shape_and_each_grid_has_its_own_file(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        shapes = [
+            SHAPE,
+            SelfAffineShape(0.81, 1e4, 0.45),
+            SelfAffineShape(0.8, 2e4, 0.45),
+            SelfAffineShape(0.8, 1e4, 0.5),
+        ]
+        hashes = [GapTable(s, np.zeros(NODES), np.zeros(3)).content_hash for s in shapes]
+        assert GapTable(SelfAffineShape(0.8, 1e4, 0.45), np.ones(1), np.ones(1)).content_hash == hashes[0]
+        for constant, value in (
+            ("FORMAT", -1),
+            ("MAGNIFICATION_STEP", 0.1),
+            ("LOG_P_AXIS", (0.0, 1.0, 85)),
+            ("LOG_U_AXIS", (0.0, 1.0, 0.1)),
+        ):
+            with monkeypatch.context() as patch:
+                patch.setattr(module, constant, value)
+                hashes.append(GapTable(SHAPE, np.zeros(NODES), np.zeros(3)).content_hash)
+        for constant in ("ZETA_MINUS_ONE_LOW", "LOGISTIC_END", "X_NEGLIGIBLE", "S_NODES"):
+            with monkeypatch.context() as patch:
+                patch.setattr(gap_distribution, constant, -1)
+                hashes.append(GapTable(SHAPE, np.zeros(NODES), np.zeros(3)).content_hash)
+        assert len(set(hashes)) == len(hashes)
+
+    def test_environment_names_the_folder(self, tmp_path, builds, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setenv("HAPTIC_CACHE_DIR", str(tmp_path / "own"))
+        table = gap_table.__wrapped__(SHAPE)
+        assert (tmp_path / "own" / f"gap-table-{table.content_hash}.npz").is_file()
+
+
+@pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
+def test_a_smooth_shape_has_a_finite_table() -> None:
+    table = module.build_table(SelfAffineShape(0.8, 2.0, 0.45))
+    assert np.isfinite(table.values).all()
+    assert np.isfinite(table.mass).all()
+
+
+@pytest.mark.parametrize("name", ["reference", "table1"])
+def test_the_tables_step_of_pressure_is_of_fourth_order(models, name: str) -> None:
+    """Cubics through direct quadratures 4, 2 and 1 steps of the table apart, in the middle between two of them."""
+    shape = models[name].table.shape
+    table_step = (LOG_P_AXIS[1] - LOG_P_AXIS[0]) / (LOG_P_AXIS[2] - 1)
+    weights = np.array([-1.0, 9.0, 9.0, -1.0]) / 16.0
+
+    def log_k(log_p: float) -> float:
+        return float(np.log(gap_integrals(shape, float(np.exp(log_p)), np.array([0.03 + 0.01j]))[0][0]))
+
+    for middle in np.log([5e-3, 2e-2, 0.1]):
+        errors = []
+        for steps in (4.0, 2.0, 1.0):
+            nodes = middle + steps * table_step * np.array([-1.5, -0.5, 0.5, 1.5])
+            errors.append(abs(weights @ [log_k(x) for x in nodes] - log_k(middle)))
+        assert errors[1] < errors[0] / 8.0  # 16 in the limit
+        assert errors[2] < errors[1] / 8.0
+        assert errors[2] < 1e-4  # what a table may differ from direct quadrature

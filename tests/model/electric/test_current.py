@@ -1,0 +1,134 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from model.conditions import Conditions
+from model.contact.gap_distribution import gap_distribution
+from model.electric.current import current_rms_a, sliding_admittance_per_m, stuck_admittance_per_m
+from model.electric.dielectrics import EPS0
+
+FINGERS = ("reference", "table1")
+LOG_U = np.arange(np.log(1e-12), np.log(60.0), 0.05)
+AREA_M2 = 1e-4
+frequencies = st.floats(-1.0, 6.0).map(lambda exponent: 10.0**exponent)
+
+
+def layer_impedances(model, frequency_hz: float) -> tuple[complex, complex]:
+    """Insulator and skin, ohm m2: thickness over (conductivity + j w eps)."""
+    v = model.description.values
+    jw = 2j * np.pi * frequency_hz
+    k_skin = complex(model.description.dielectric.permittivity(np.array([frequency_hz]))[0])
+    insulator = v.insulator_thickness_m / (jw * EPS0 * v.insulator_permittivity + v.insulator_conductivity_s_per_m)
+    return insulator, v.skin_thickness_m / (jw * EPS0 * k_skin)
+
+
+@pytest.fixture(scope="module")
+def sliding_rms_a(scales_of, stack_of, circuit_of):
+    """Current of the sliding finger, A rms, of frequencies, rms voltages and total pressures that broadcast."""
+
+    def current(model, frequency_hz, voltage_rms_v, pressure_pa, area_m2: float) -> np.ndarray:
+        f, v, p = np.broadcast_arrays(*(np.asarray(x, float) for x in (frequency_hz, voltage_rms_v, pressure_pa)))
+        s, flat = stack_of(model, f.ravel()), np.array(p).ravel()
+        circuit = circuit_of(scales_of(model), [(s, v.ravel() ** 2)], flat)
+        admittance = sliding_admittance_per_m(model.table, circuit, flat)
+        assert admittance.shape == (f.size, 1)
+        return current_rms_a(admittance, s.omega[:, None], v.reshape(-1, 1), area_m2).reshape(f.shape)
+
+    return current
+
+
+@pytest.mark.parametrize("name", FINGERS)
+@given(f=frequencies, p=st.floats(3.0, 5.5).map(lambda e: 10.0**e))
+@settings(max_examples=25)
+def test_sliding_current_is_the_mean_over_the_gaps(
+    models, scales_of, stack_of, sliding_rms_a, name: str, f: float, p: float
+) -> None:
+    """A ladder of admittances for each gap: insulator, then air beside the leak, then skin; averaged with P(u)."""
+    model = models[name]
+    s, scales = stack_of(model, np.array([f])), scales_of(model)
+    insulator, skin = layer_impedances(model, f)
+    jw = 2j * np.pi * f
+    alpha = s.leak_per_m_pa[0] * p * jw * EPS0
+    u_hat = np.exp(LOG_U)
+    mass = gap_distribution(model.table.shape, p / scales.pressure_pa).density(u_hat) * u_hat * 0.05
+    air = (jw * EPS0 + model.description.values.air_conductivity_s_per_m) / (u_hat * scales.length_m)
+    density = 1.0 / (insulator + skin + 1.0 / (air + alpha))
+    expected = AREA_M2 * abs(np.sum(density * mass)) * 30.0
+    got = sliding_rms_a(model, [f], 30.0, p, AREA_M2)
+    assert got[0] == pytest.approx(expected, rel=2e-4)  # interpolation 1e-4; the area of P is known to 1e-4 of itself
+
+
+@pytest.fixture(scope="module")
+def stuck_rms_a(scales_of, stack_of, circuit_of):
+    """Worst-case current at 30 V rms, A rms."""
+
+    def current(model, frequency_hz: float) -> float:
+        s = stack_of(model, np.array([frequency_hz]))
+        circuit = circuit_of(scales_of(model), [(s, np.array([900.0]))], np.array([5e3]))
+        rms_v = np.full((1, 1), 30.0)
+        return float(current_rms_a(stuck_admittance_per_m(circuit), s.omega[:, None], rms_v, AREA_M2)[0])
+
+    return current
+
+
+@given(f=frequencies)
+@settings(max_examples=50)
+def test_stuck_current_is_limited_by_insulator_and_skin(models, stuck_rms_a, f: float) -> None:
+    model = models["reference"]
+    expected = AREA_M2 * 30.0 / abs(sum(layer_impedances(model, f)))
+    assert stuck_rms_a(model, f) == pytest.approx(expected, rel=1e-12)  # rounding
+
+
+@pytest.mark.parametrize("name", FINGERS)
+@given(f=frequencies, p=st.floats(3.0, 5.5).map(lambda e: 10.0**e))
+@settings(max_examples=40)
+def test_a_sliding_finger_never_draws_more_than_a_stuck_one(
+    models, sliding_rms_a, stuck_rms_a, name: str, f: float, p: float
+) -> None:
+    model = models[name]
+    assert 0.0 < sliding_rms_a(model, [f], 30.0, p, AREA_M2)[0] <= stuck_rms_a(model, f)
+
+
+def test_currents_are_proportional_to_voltage_and_area(variant, sliding_rms_a) -> None:
+    """Of the whole model; the sliding one at the same total pressure."""
+    f = np.array([250.0, 1e4])
+    models = {area: variant("table1", contact_area_m2=area) for area in (1e-4, 3e-4)}
+
+    def predicted(voltage_v: float, area_m2: float):
+        return models[area_m2].predict(Conditions(f, np.full(2, voltage_v), np.full(2, 5e3 * area_m2)))
+
+    one, six = predicted(10.0, 1e-4), predicted(20.0, 3e-4)
+    np.testing.assert_allclose(six.stuck_current_rms_a, 6.0 * one.stuck_current_rms_a, rtol=1e-12)  # rounding
+    for voltage_v, area_m2, got in ((10.0, 1e-4, one), (20.0, 3e-4, six)):
+        pressure_pa = 5e3 + got.electrostatic_force_n / area_m2
+        expected = sliding_rms_a(models[area_m2], f, voltage_v / np.sqrt(2.0), pressure_pa, area_m2)
+        np.testing.assert_allclose(got.current_rms_a, expected, rtol=1e-12)
+    at_one_volt = sliding_rms_a(models[1e-4], f, 1.0, 5e3, 1.0)
+    np.testing.assert_allclose(sliding_rms_a(models[3e-4], f, 20.0, 5e3, 3e-4), 6e-3 * at_one_volt, rtol=1e-12)
+
+
+def test_without_equilibrium_there_is_no_sliding_current(models, sliding_rms_a) -> None:
+    got = sliding_rms_a(models["table1"], 250.0, 75.0, np.array([np.nan, 5e3]), AREA_M2)
+    np.testing.assert_array_equal(np.isnan(got), [True, False])
+
+
+def test_grids_broadcast(models, scales_of, stack_of, circuit_of, sliding_rms_a) -> None:
+    """Rows [n] and branches [n, c] each by themselves, as a surface asks for them."""
+    model = models["table1"]
+    f = np.array([50.0, 250.0, 1e4]).reshape(-1, 1, 1)
+    pressure = np.linspace(2e3, 2e4, 8).reshape(1, 2, 4)
+    volts = np.array([10.0, 20.0])[:, None]
+    grid = sliding_rms_a(model, f, volts, pressure, AREA_M2)
+    assert grid.shape == (3, 2, 4)
+    one = sliding_rms_a(model, [250.0], 20.0, pressure[0, 1, 2:3], AREA_M2)
+    assert grid[1, 1, 2] == pytest.approx(one[0], rel=1e-14)  # rounding
+    each = stack_of(model, np.repeat(f.ravel(), 8))
+    whole = circuit_of(scales_of(model), [(each, np.ones(24)), (each, np.ones(24))], np.full(24, 5e3))
+    rows = np.tile(pressure.ravel(), 3)
+    admittance = sliding_admittance_per_m(model.table, whole, rows)
+    assert admittance.shape == (24, 2)
+    np.testing.assert_array_equal(admittance[:, 0], admittance[:, 1])
+    both_v = np.stack([np.tile(np.repeat(volts.ravel(), 4), 3), np.zeros(24)], axis=1)
+    both = current_rms_a(admittance, np.repeat(each.omega[:, None], 2, axis=1), both_v, AREA_M2)
+    np.testing.assert_allclose(both.reshape(3, 2, 4), grid, rtol=1e-14)

@@ -1,0 +1,173 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from model.electric.dielectrics import (
+    EPS0,
+    GABRIEL_DRY,
+    GABRIEL_WET,
+    ColeCole,
+    PowerLaw,
+    Tabulated,
+    named,
+    read_csv,
+    total_conductivity_s_per_m,
+)
+from model.support.errors import ModelError
+
+frequencies = st.floats(-2.0, 9.0).map(lambda exponent: 10.0**exponent)
+HEADER = "frequency_hz,eps_real,conductivity_s_per_m\n"
+
+
+def at(dielectric, frequency_hz: float) -> complex:
+    return complex(dielectric.permittivity(np.array([frequency_hz]))[0])
+
+
+@pytest.mark.parametrize("dielectric", [GABRIEL_DRY, GABRIEL_WET], ids=lambda d: d.name)
+def test_sets_against_reference(reference, dielectric) -> None:
+    r = reference["skin"][dielectric.name]
+    k = dielectric.permittivity(r["frequency_hz"])
+    np.testing.assert_allclose(k.real, r["eps_real"], rtol=1e-6)  # seven digits are stored
+    sigma = total_conductivity_s_per_m(k, r["frequency_hz"])
+    np.testing.assert_allclose(sigma, r["conductivity_s_per_m"], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "frequency_hz", "eps", "sigma", "loss_tangent"),
+    [
+        ("gabriel_dry", 1e3, 1135.6, 2.00e-4, 3.17),
+        ("gabriel_dry", 1e5, 1119.2, 4.51e-4, 0.0725),
+        ("gabriel_dry", 1e6, 990.8, 1.32e-2, 0.240),
+        ("gabriel_wet", 1e3, 3.21e4, 6.57e-4, 0.368),
+    ],
+)
+def test_check_values(name: str, frequency_hz: float, eps: float, sigma: float, loss_tangent: float) -> None:
+    k = at(named(name), frequency_hz)
+    # half of the last digit printed, in each column
+    assert k.real == pytest.approx(eps, rel=5e-5 if name == "gabriel_dry" else 2e-3)
+    assert total_conductivity_s_per_m(np.array(k), frequency_hz) == pytest.approx(sigma, rel=4e-3)
+    assert -k.imag / k.real == pytest.approx(loss_tangent, rel=2e-3)
+
+
+def test_dry_skin_loses_least_near_100_khz() -> None:
+    f = np.geomspace(1e2, 1e7, 501)
+    k = GABRIEL_DRY.permittivity(f)
+    # the table of check values has one per decade: the decade of the minimum is what is known
+    assert 3e4 < f[np.argmin(-k.imag / k.real)] < 3e5
+
+
+def test_one_debye_term_in_closed_form() -> None:
+    debye = ColeCole("debye", "test", 3.0, ((10.0, 1e-6, 0.0),), 1e-3)
+    f = 1.0 / (2.0 * np.pi * 1e-6)  # w tau = 1: D/(1 + j) = D/2 - j D/2
+    k = at(debye, f)
+    assert k.real == pytest.approx(8.0, rel=1e-12)  # rounding
+    assert k.imag == pytest.approx(-5.0 - 1e-3 / (1e6 * EPS0), rel=1e-12)
+
+
+def test_conduction_is_counted_once() -> None:
+    """Table I's k1 is eps + sigma/(j w eps0): doubling sigma doubles what is lost, and nothing else."""
+    one, two = (ColeCole("c", "test", 4.0, (), s) for s in (1e-4, 2e-4))
+    assert at(one, 50.0).imag == pytest.approx(-1e-4 / (100.0 * np.pi * EPS0), rel=1e-12)  # rounding
+    assert at(two, 50.0).imag == pytest.approx(2.0 * at(one, 50.0).imag, rel=1e-12)
+    assert at(one, 50.0).real == at(two, 50.0).real == 4.0
+
+
+@pytest.mark.parametrize("dielectric", [GABRIEL_DRY, GABRIEL_WET, PowerLaw(4.0, 1e3, 0.3, 2e-4)], ids=lambda d: d.name)
+@given(f=frequencies)
+def test_every_set_is_passive_and_disperses_downwards(dielectric, f: float) -> None:
+    k, later = at(dielectric, f), at(dielectric, 1.5 * f)
+    assert k.imag < 0.0
+    assert later.real <= k.real * (1.0 + 1e-12)  # rounding
+    sigma, sigma_later = (total_conductivity_s_per_m(np.array(v), g) for v, g in ((k, f), (later, 1.5 * f)))
+    assert sigma_later >= sigma * (1.0 - 1e-12)
+
+
+@pytest.mark.parametrize("dielectric", [GABRIEL_DRY, GABRIEL_WET], ids=lambda d: d.name)
+def test_limits_of_frequency(dielectric) -> None:
+    static = dielectric.eps_inf + sum(term[0] for term in dielectric.terms)
+    low = at(dielectric, 1e-7)
+    assert low.real == pytest.approx(static, rel=1e-6)  # (w tau)^0.8 of the slowest term: 1e-7
+    sigma = total_conductivity_s_per_m(np.array(low), 1e-7)
+    assert sigma == pytest.approx(dielectric.conductivity_s_per_m, rel=1e-6)
+    assert at(dielectric, 1e18).real == pytest.approx(dielectric.eps_inf, rel=1e-4)  # D (w tau)^-0.8 and below
+
+
+def test_power_law_at_its_own_frequency() -> None:
+    k = at(PowerLaw(5.0, 800.0, 0.25, 0.0), 250.0)
+    turned = 800.0 * (np.cos(np.pi / 8.0) - 1j * np.sin(np.pi / 8.0))  # j^(-1/4)
+    assert k == pytest.approx(5.0 + turned, rel=1e-12)  # rounding
+    assert "surrogate" in PowerLaw(5.0, 800.0, 0.25, 0.0).source
+
+
+class TestTable:
+    def write(self, folder, text: str):
+        path = folder / "own.csv"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    def test_nodes_are_given_back_and_between_them_is_a_power_law(self, tmp_path) -> None:
+        table = read_csv(self.write(tmp_path, HEADER + "10,2000,1e-4\n1000,500,4e-4\n"))
+        assert table.name == "own"
+        assert "own.csv" in table.source
+        for f, eps, sigma in ((10.0, 2000.0, 1e-4), (100.0, 1000.0, 2e-4), (1000.0, 500.0, 4e-4)):
+            k = at(table, f)
+            assert k.real == pytest.approx(eps, rel=1e-12)  # rounding
+            assert -k.imag * 2.0 * np.pi * f * EPS0 == pytest.approx(sigma, rel=1e-12)
+
+    def test_ends_are_held(self) -> None:
+        table = Tabulated("t", "test", (10.0, 1000.0), (2000.0, 500.0), (1e-4, 4e-4))
+        assert at(table, 1.0).real == pytest.approx(2000.0, rel=1e-12)
+        sigma = total_conductivity_s_per_m(np.array(at(table, 1e6)), 1e6)
+        assert sigma == pytest.approx(4e-4, rel=1e-12)  # held is the conductivity, not eps''
+
+    def test_order_and_number_of_columns_are_free(self, tmp_path) -> None:
+        text = "note,conductivity_s_per_m,frequency_hz,eps_real\na,1e-4,10,2000\nb,4e-4,1000,500\n"
+        assert read_csv(self.write(tmp_path, text)).eps_real == (2000.0, 500.0)
+
+    @pytest.mark.parametrize(
+        ("text", "says"),
+        [
+            (HEADER + "1,10,1e-4\n2,ten,1e-4\n", "line 3"),
+            (HEADER + "1,10,1e-4\n2,11\n", "line 3"),
+            ("frequency,eps_real,conductivity_s_per_m\n1,10,1e-4\n2,11,1e-4\n", "frequency_hz"),
+            (HEADER + "1,10,1e-4\n", "not a usable"),
+            (HEADER, "not a usable"),
+            ("", "the file is empty"),
+            (HEADER + "2,10,1e-4\n1,11,1e-4\n", "not a usable"),
+            (HEADER + "1,10,1e-4\n1,11,1e-4\n", "not a usable"),
+            (HEADER + "0,10,1e-4\n1,11,1e-4\n", "not a usable"),
+            (HEADER + "1,10,-1e-4\n2,11,1e-4\n", "not a usable"),
+            (HEADER + "1,nan,1e-4\n2,11,1e-4\n", "line 2: eps_real is 'nan'"),
+            (HEADER + "1,10,1e-4\n2,inf,1e-4\n", "line 3: eps_real is 'inf'"),
+        ],
+        ids=["text", "short", "column", "row", "none", "empty", "falling", "equal", "zero", "minus", "nan", "inf"],
+    )
+    def test_bad_tables_are_refused(self, tmp_path, text: str, says: str) -> None:
+        path = self.write(tmp_path, text)
+        with pytest.raises(ModelError, match=says) as caught:
+            read_csv(path)
+        assert "own.csv" in caught.value.message
+        assert "frequencies rising" in caught.value.hint
+
+    def test_absent_and_binary_files_are_refused(self, tmp_path) -> None:
+        with pytest.raises(ModelError, match=r"none\.csv"):
+            read_csv(tmp_path / "none.csv")
+        binary = tmp_path / "binary.csv"
+        binary.write_bytes(b"\xff\xfe\x00\x81")
+        with pytest.raises(ModelError, match="is not UTF-8 text"):
+            read_csv(binary)
+
+    def test_line_number_counts_blank_lines(self, tmp_path) -> None:
+        with pytest.raises(ModelError, match="line 4"):
+            read_csv(self.write(tmp_path, HEADER + "\n1,10,1e-4\n2,ten,1e-4\n"))
+
+    def test_byte_order_mark_is_no_part_of_a_name(self, tmp_path) -> None:
+        assert read_csv(self.write(tmp_path, "\ufeff" + HEADER + "1,10,1e-4\n2,11,1e-4\n")).eps_real == (10.0, 11.0)
+
+
+def test_unknown_set_offers_the_nearest() -> None:
+    with pytest.raises(ModelError, match="gabriel_dri") as caught:
+        named("gabriel_dri")
+    assert "Did you mean 'gabriel_dry'" in caught.value.hint
+    assert "power_law" in caught.value.hint

@@ -1,0 +1,161 @@
+"""Tables as people save them: what is read, and what is said of the rest."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model.diagnosis.data import read_measurements
+from model.electric.dielectrics import read_csv
+from model.support.errors import ModelError
+from model.support.files import LARGEST_FILE_BYTES, read_bytes
+from model.support.tables import Table, read_table
+
+WANTED = "Give columns a, b"
+
+
+def table(folder: Path, text: str | bytes) -> Table:
+    return read_table(file(folder, text), ("a", "b"), WANTED)
+
+
+def file(folder: Path, text: str | bytes) -> Path:
+    path = folder / "table.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a,b\n1,2\n",
+        "a,b\r\n1,2\r\n",
+        "\ufeffa,b\n1,2",
+        " a , b \n 1 , 2 \n",
+        '"a","b"\n"1","2"\n',
+        "a,b,,\n1,2,,\n",
+        "a,b\n1,2,,\n",
+        "a,b\n,\n\n1,2\n , \n",
+    ],
+    ids=["plain", "windows", "byte order mark", "spaces", "quotes", "empty columns", "empty cells", "empty rows"],
+)
+def test_what_spreadsheets_add_is_no_mistake(tmp_path, text: str) -> None:
+    read = table(tmp_path, text)
+    assert read.columns == ["a", "b"]
+    assert read.rows == [{"a": "1", "b": "2"}]
+
+
+def test_a_table_knows_its_lines_and_its_bytes(tmp_path) -> None:
+    content = b'a,b\n1,2\n\n"3\n",4\n'
+    read = table(tmp_path, content)
+    assert read.lines == [2, 5]  # a cell over two lines: the line where the row ends
+    assert read.where(1) == f"{tmp_path / 'table.csv'}, line 5"
+    assert read.content_hash == hashlib.sha256(content).hexdigest()
+
+
+def test_a_column_as_numbers(tmp_path) -> None:
+    read = table(tmp_path, "a,b\n1,x\n,2\n3,\n")
+    np.testing.assert_array_equal(read.numbers("a", where_empty=7.0), [1.0, 7.0, 3.0])
+    np.testing.assert_array_equal(read.numbers("b", ignored=np.array([True, False, True])), [0.0, 2.0, 0.0])
+
+
+@pytest.mark.parametrize("text", ["high", "", "nan", "inf", "0,5", "1e999", "75 V"])
+def test_what_is_no_number_is_named_with_file_line_and_column(tmp_path, text: str) -> None:
+    read = table(tmp_path, f'a,b\n1,2\n\n3,"{text}"\n')
+    with pytest.raises(ModelError, match=f"line 4: b is '{text}', not a number") as caught:
+        read.numbers("b")
+    assert caught.value.code == "not_a_number"
+    assert WANTED in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "says", "hint"),
+    [
+        ("a;b\n1;2\n", "bad_table", "separated by semicolons", "commas between the columns"),
+        ("a\tb\n1\t2\n", "bad_table", "separated by tabs", "commas between the columns"),
+        ("a,b\n0,5,2\n", "bad_table", "line 2: has more fields", "0.5, not 0,5"),
+        ("a,b,,\n1,2,,3\n", "bad_table", "line 2: has more fields", "0.5, not 0,5"),
+        ("a,b,b\n1,2,3\n", "bad_table", "'b' stands more than once", "Keep one"),
+        ("a,,b,\n1,2,3,4\n", "bad_table", "line 2: has more fields", "commas"),
+        ("a,c\n1,2\n", "missing_column", "column b is missing; found: a, c", WANTED),
+        ("", "missing_column", "column a is missing (the file is empty)", WANTED),
+        ("\n ,\n", "missing_column", "(the file is empty)", WANTED),
+        (b"\xff\xfea\x00", "file_unreadable", "is not UTF-8 text (byte 0)", WANTED),
+        ("a,b\n" + "9" * 200_000, "bad_table", "line 2: is not CSV", WANTED),
+    ],
+)
+def test_what_is_wrong_with_a_table_is_said(tmp_path, text: str | bytes, code: str, says: str, hint: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        table(tmp_path, text)
+    assert caught.value.code == code
+    assert str(tmp_path / "table.csv") in caught.value.message
+    assert says in caught.value.message
+    assert hint in caught.value.hint
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path, monkeypatch) -> None:
+    for path, code in [
+        (tmp_path / "none.csv", "file_not_found"), (tmp_path, "file_unreadable"), (Path("a\0b"), "file_unreadable"),
+    ]:  # fmt: skip
+        with pytest.raises(ModelError) as caught:
+            read_bytes(path)
+        assert caught.value.code == code
+        assert str(path) in caught.value.message
+    with (tmp_path / "large.csv").open("wb") as large:
+        large.truncate(LARGEST_FILE_BYTES + 1)  # takes no space
+    with pytest.raises(ModelError, match="more than 1024 MiB"):
+        read_bytes(tmp_path / "large.csv")
+
+
+# --- the readers of the model ----------------------------------------------------------------------------------
+
+
+HEADER = "frequency_hz,voltage_v,normal_force_n,cof"
+
+
+def test_measurements_are_read_as_a_spreadsheet_saves_them(tmp_path) -> None:
+    """Spaces after commas made a header unknown, and a blank waveform was none of the known ones."""
+    text = f"\ufeff{HEADER.replace(',', ', ')}, waveform, session,\r\n250, 75, 0.5, 0.6, , B,\r\n,0,0.5,0.5,DC,,\r\n"
+    read = read_measurements(file(tmp_path, text))
+    np.testing.assert_array_equal(read.columns["voltage_v"], [75.0, 0.0])
+    np.testing.assert_array_equal(read.columns["frequency_hz"], [250.0, 0.0])
+    assert read.waveform is not None
+    assert read.waveform.tolist() == ["sine", "dc"]
+    assert [read.session_names[i] for i in read.session] == ["B", "1"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (f"{HEADER}\n250,75,0.5,0.6\n\n250,75,0.5,high\n", "line 4: cof is 'high'"),
+        (f"{HEADER}\n250,75,0.5,0.6\n\n250,75,500,0.6\n", "line 4: normal_force_n = 500 is out of range"),
+        (f"{HEADER},waveform\n\n250,75,0.5,0.6,triangle\n", "line 3: waveform 'triangle' is unknown"),
+        (f"{HEADER},cof_std\n250,75,0.5,0.6,0.01\n250,75,0.5,0.6,\n", "line 3: cof_std is ''"),
+        (f"{HEADER},cof\n250,75,0.5,0.6,0.7\n", "'cof' stands more than once"),
+        (f"{HEADER}\n250,75,0,5,0.6\n", "line 2: has more fields"),
+        (f"{HEADER}\n0,75,0.5,0.6\n", "line 2: frequency_hz = 0 is out of range"),
+        (f"{HEADER}\n", "has no rows"),
+    ],
+)
+def test_measurements_that_are_wrong_are_named_with_their_line(tmp_path, text: str, says: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        read_measurements(file(tmp_path, text))
+    assert says in caught.value.message
+    assert caught.value.hint
+
+
+def test_an_optional_column_that_is_empty_throughout_is_not_there(tmp_path) -> None:
+    read = read_measurements(file(tmp_path, f"{HEADER},speed_m_s,time_s\n250,75,0.5,0.6,,3\n"))
+    assert set(read.columns) == {*HEADER.split(","), "time_s"}
+
+
+def test_a_dielectric_table_is_read_by_the_same_rules(tmp_path) -> None:
+    """The last of two columns of one name was taken, unsaid."""
+    header = "frequency_hz,eps_real,conductivity_s_per_m"
+    assert read_csv(file(tmp_path, f"{header.replace(',', ', ')}\n1,10,1e-4\n2,11,1e-4\n")).eps_real == (10.0, 11.0)
+    with pytest.raises(ModelError, match="stands more than once"):
+        read_csv(file(tmp_path, f"{header},eps_real\n1,10,1e-4,5\n2,11,1e-4,5\n"))
+    with pytest.raises(ModelError, match="separated by semicolons"):
+        read_csv(file(tmp_path, f"{header}\n1,10,1e-4\n".replace(",", ";")))
