@@ -27,8 +27,8 @@ PAGE = """# How good the contact theory is
 
 `make validate` solves the same contact twice: by Persson's theory (`model/contact/gap_distribution.py`, (41)-(49)) and
 point by point with a boundary-element solver (tamaas, Polonsky and Keer 1999, periodic, no adhesion; the extra
-`validate`, which no shipped code imports). It rewrites this page, its table `validation.csv` and its pictures, and fails
-where `model/contact/theory_error.py` claims a smaller error than it found. Seeds are fixed.
+`validate`, which no shipped code imports). It rewrites this page, its table `validation.csv` and its pictures, and
+fails where `model/contact/theory_error.py` claims a smaller error than it found. Seeds are fixed.
 
 The contact: random-phase self-affine surfaces, H 0.71, h_rms 20 um (each surface exactly), q0 1e3 1/m with four
 longest waves along a side, no roll-off plateau, Y* 13.33 MPa. The widest spectrum has q1/q0 = {widest}, which leaves
@@ -65,9 +65,9 @@ one surface at 5 kPa, 2048 points gave K(0.3 um) = 0.92, K(1 um) = 0.91, K(5 um)
   the theory is an error of the solver, and it shrinks as the grid is refined.
 - An earlier comparison (four surfaces, one grid of 1024 x 1024) found K(0.3 um) 0.74, 0.86, 1.05, K(1 um) 0.75, 0.85,
   0.99, K(5 um) 0.89, 0.92, 0.98, a mean gap of 0.93, 0.91, 0.82 and an area of 1.47, 1.42, 1.32 at 5, 20 and 100 kPa.
-- The theory's own error that a surface's uncertainty counts (`model/contact/theory_error.py`) is the largest of three: the rms
-  over the surfaces of log(solver/theory) at the finest grid, the same extrapolated, and the earlier comparison's; not
-  below {scatter:.2f}, the scatter between surfaces:
+- The theory's own error that a surface's uncertainty counts (`model/contact/theory_error.py`) is the largest of three:
+  the rms over the surfaces of log(solver/theory) at the finest grid, the same extrapolated, and the earlier
+  comparison's; not below {scatter:.2f}, the scatter between surfaces:
 
 {std}
 
