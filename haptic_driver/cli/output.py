@@ -18,18 +18,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
+from haptic_driver.config_folders import config_names
 from haptic_driver.errors import HapticError
 
 
 def names_of(kind: str) -> Callable[[], list[str]]:
     """For shell completion: the names in the config folders of a kind (rigs, models, plans, textures, populations)."""
-
-    def names() -> list[str]:
-        from haptic_driver.config import config_names  # noqa: PLC0415  (slow to import)
-
-        return config_names(kind)
-
-    return names
+    return lambda: config_names(kind)
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
