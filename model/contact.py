@@ -12,19 +12,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from math import erf as _erf
 from math import pi, sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.special import erf, exp1
 
 from model.roughness import Array, SelfAffineShape
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 ZETA_MINUS_ONE_LOW = 1e-14
 LOGISTIC_END = 24.0  # of the magnification's logistic variable: zeta1 - zeta is e^-24 of zeta1 there
 ZETA_STEP = 0.1  # of the logistic variable; halving it moves no gap integral by more than 1e-6
 X_NEGLIGIBLE = 6.5  # exp(-x^2) < 1e-18 beyond
 S_NODES = 64
+erf = np.vectorize(_erf, otypes=[np.float64])  # scipy takes longer to import than a surface to solve
 
 
 @dataclass(frozen=True)
@@ -163,12 +167,16 @@ def _inner_integrand(gamma: float, x: Array) -> Array:
 
 def _inner_integral(gamma: float, x0: Array) -> Array:
     """I(x0) = int_x0^inf [gamma + 3(1-gamma) erf^2(x)] exp(-x^2)/x dx, the inner integral of (45)."""
+    from scipy.special import exp1  # noqa: PLC0415  (slow to import, and only for a new table)
+
     return np.asarray(gamma * 0.5 * exp1(x0 * x0) + 3.0 * (1.0 - gamma) * _erf_squared_tail()(np.log(x0)))
 
 
 @lru_cache(maxsize=1)
 def _erf_squared_tail() -> CubicSpline:
     """int_x0^inf erf^2(x) exp(-x^2)/x dx as a function of log x0; clamped outside the grid by its own limits."""
+    from scipy.interpolate import CubicSpline  # noqa: PLC0415
+
     grid = np.linspace(np.log(1e-12), np.log(12.0), 6001)
     x = np.exp(grid)
     antiderivative = CubicSpline(grid, erf(x) ** 2 * np.exp(-x * x)).antiderivative()

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import pi
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from model.charges import Coefficients, Layers, coefficients
 from model.contact import area_ratio
@@ -27,6 +27,9 @@ from model.layers import branch
 from model.parameters import TouchParameters
 from model.roughness import contact_length_m
 from model.touch import Attraction, Drive
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 LEAK_CUT_OFF_M = 10e-9  # a_c below (29): gaps smaller than this count in E_g only
 PRESSURE_NODES = 673  # eight per row of the gap table
@@ -111,6 +114,8 @@ def printed_field(
 
 def solve(description: ModelDescription, table: GapTable, drive: Drive) -> Attraction:
     """Attraction of each condition [n] at its lowest equilibrium; ModelError for drives that it does not know."""
+    from scipy.interpolate import CubicSpline  # noqa: PLC0415  (slow to import, and only for the printed equations)
+
     _check(description, drive)
     p = description.values
     frequency, voltage, load_n = np.broadcast_arrays(drive.frequency_hz, drive.voltage_v, drive.normal_force_n)

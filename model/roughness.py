@@ -8,12 +8,11 @@ q1/q0 and gamma differ by these scales alone.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi, sqrt
+from math import exp, lgamma, pi, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gamma as gamma_function
 
 Array = NDArray[np.float64]
 Values = Any  # float or array
@@ -45,4 +44,4 @@ def contact_length_m(hurst: float, h_rms_m: Values, q0_per_m: float, q1_per_m: f
 def r_of_hurst(hurst: float) -> float:
     """r(H) of (40) with exponent -1/[2(1-H)] (the literal reading diverges)."""
     s = hurst / (2.0 * (1.0 - hurst))
-    return float(s * gamma_function(0.5) * gamma_function(s) / gamma_function(s + 0.5))
+    return s * sqrt(pi) * exp(lgamma(s) - lgamma(s + 0.5))

@@ -9,12 +9,10 @@ gamma) are held.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
-from scipy.special import ndtri
-from scipy.stats import qmc
 
 from model.chain import prepare
 from model.description import ModelDescription
@@ -22,6 +20,7 @@ from model.diagnosis.space import FINGER
 from model.dielectrics import Array, ComplexArray, Dielectric
 from model.effects import BY_NAME
 from model.errors import ModelError
+from model.interpolation import linear_weights
 from model.parameters import SPECIFICATION, Parameter
 from model.theory_error import theory_log_std
 from model.touch import Values
@@ -29,9 +28,11 @@ from model.touch_model import Conditions, TouchModel
 
 INTERVAL = (0.16, 0.84)  # one standard deviation each way, were friction normal
 DRAWS = 64
+DRAWS_AT_ONE = 512  # condition; they cost little there
 SEED = 0
 MOST_FREQUENCIES = MOST_VOLTAGES = 25  # at which draws are solved; the interval's width is smooth between them
 MOST_THEORY_ERROR = 0.6  # of the logarithm of pressure, either way
+NONE_AS_PRINTED = "the equations as printed have no uncertainty to carry"
 SHAPE_OF_ROUGHNESS = ("hurst_exponent", "roll_off_wavenumber_per_m", "cut_off_wavenumber_per_m", "contact_gamma")
 # Between subjects and sites, judged from the scatter of skin's dielectric data; unverified.
 SKIN_PERMITTIVITY, SKIN_CONDUCTIVITY = "skin_permittivity", "skin_conductivity"
@@ -126,10 +127,13 @@ def varied(description: ModelDescription, numbers: tuple[Uncertain, ...], x: Any
 
 
 def normal_draws(count: int, dimensions: int, seed: int) -> Array:
-    """Standard normal numbers [count, dimensions] that fill their space evenly (scrambled Sobol sequence)."""
-    generator = np.random.default_rng(seed)
-    uniform = qmc.Sobol(dimensions, seed=generator).random_base2(int(np.ceil(np.log2(count))))[:count]
-    return np.asarray(ndtri(np.clip(uniform, 1e-9, 1.0 - 1e-9)))
+    """Standard normal numbers [count, dimensions] that fill their space evenly: a Latin hypercube.
+
+    In each dimension one in the middle of every `count`-th part of the probability; McKay, Beckman and Conover,
+    Technometrics 21 (1979) 239.
+    """
+    middles = np.array([NormalDist().inv_cdf((i + 0.5) / count) for i in range(count)])
+    return np.random.default_rng(seed).permuted(np.tile(middles, (dimensions, 1)), axis=1).T
 
 
 def cof_interval(
@@ -148,21 +152,42 @@ def cof_interval(
     is not one of their numbers.
     """
     if description.is_published:
-        raise ModelError("the equations as printed have no uncertainty to carry", "Use a model of variant 'corrected'")
+        raise ModelError(NONE_AS_PRINTED, "Use a model of variant 'corrected'")
     f, v = _thinned(frequency_hz, MOST_FREQUENCIES), np.linspace(0.0, voltage_v[-1], MOST_VOLTAGES)
     base = TouchModel(description).surface(f, v, normal_force_n)
     theory = theory_error(description, f, v, normal_force_n, base.electrostatic_force_n)
     numbers = uncertain_numbers(description)
     drawn = np.empty((draws, *base.cof.shape))
     for i, x in enumerate(normal_draws(draws, len(numbers) + 1, seed)):
-        log_gain = np.clip(theory * x[-1], -MOST_THEORY_ERROR, MOST_THEORY_ERROR)
-        drawn[i] = _cof_of(varied(description, numbers, x[:-1]), f, v, normal_force_n, log_gain)
+        drawn[i] = _cof_of(varied(description, numbers, x[:-1]), f, v, normal_force_n, _log_gain(theory, x[-1]))
     drawn[np.isnan(drawn)] = np.inf
     ends = np.quantile(drawn, INTERVAL, axis=0, method="inverted_cdf")
-    at = np.stack(np.meshgrid(np.log(frequency_hz), voltage_v, np.log(normal_force_n), indexing="ij"), axis=-1)
-    nodes = (np.log(f), v, np.log(normal_force_n))
-    low, high = (np.asarray(cof * _interpolated(nodes, end / base.cof, at)) for end in ends)
+    weights = linear_weights(np.log(f), np.log(frequency_hz)), linear_weights(v, voltage_v)
+    low, high = (np.asarray(cof * _interpolated(end / base.cof, *weights)) for end in ends)
     return low, high
+
+
+def cof_interval_at(
+    description: ModelDescription, frequency_hz: float, voltage_v: float, normal_force_n: float
+) -> tuple[float, float]:
+    """The same under one condition, where every draw is solved, and more of them."""
+    if description.is_published:
+        raise ModelError(NONE_AS_PRINTED, "Use a model of variant 'corrected'")
+    f, v, n = (np.array([x]) for x in (frequency_hz, voltage_v, normal_force_n))
+    force = TouchModel(description).predict(Conditions(f, v, n)).electrostatic_force_n
+    theory = theory_error(description, f, v, n, force)
+    numbers = uncertain_numbers(description)
+    *x, x_theory = normal_draws(DRAWS_AT_ONE, len(numbers) + 1, SEED).T
+    as_if_v = v * np.exp(_log_gain(theory[0, 0], x_theory) / 2.0)
+    model = TouchModel(varied(description, numbers, x))
+    cof = model.predict(Conditions(f.repeat(DRAWS_AT_ONE), as_if_v, n.repeat(DRAWS_AT_ONE))).cof
+    low, high = np.quantile(np.where(np.isnan(cof), np.inf, cof), INTERVAL, method="inverted_cdf")
+    return float(low), float(high)
+
+
+def _log_gain(theory: Values, x: Values) -> Values:
+    """What the theory's error adds to log(pressure), `x` standard deviations out."""
+    return np.clip(theory * x, -MOST_THEORY_ERROR, MOST_THEORY_ERROR)
 
 
 def provenance(description: ModelDescription) -> dict[str, Any]:
@@ -219,9 +244,11 @@ def _thinned(values: Array, most: int) -> Array:
     return np.asarray(values[kept])
 
 
-def _interpolated(nodes: tuple[Array, ...], ratio: Array, points: Array) -> Array:
-    """At `points` [..., 3], linear in the logarithm; infinite wherever a node around is, or has no answer."""
+def _interpolated(ratio: Array, by_frequency: Array, by_voltage: Array) -> Array:
+    """`ratio` [f, v, n] by weights [m, f], [k, v]: [m, k, n], linear in the logarithm; infinite where a used one is."""
+
+    def at(values: Array) -> Array:
+        return np.asarray(np.einsum("mf,kv,fvn->mkn", by_frequency, by_voltage, values, optimize=True))
+
     known = np.isfinite(ratio)
-    log_ratio = RegularGridInterpolator(nodes, np.log(np.where(known, ratio, 1.0)))(points)
-    unknown = RegularGridInterpolator(nodes, (~known).astype(float))(points)
-    return np.where(unknown > 0.0, np.inf, np.exp(log_ratio))
+    return np.where(at(1.0 - known) > 0.0, np.inf, np.exp(at(np.log(np.where(known, ratio, 1.0)))))
