@@ -17,7 +17,6 @@ from math import log
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -85,6 +84,8 @@ class SurfaceFile:
 
     def write(self, path: Path) -> None:
         """Write all or nothing; HapticError says why not."""
+        import h5py  # noqa: PLC0415  (slow to import, and not for every surface)
+
         with replacing(path) as part, h5py.File(part, "w") as file:
             file.attrs["format"] = FORMAT
             file.attrs["format_version"] = FORMAT_VERSION
@@ -99,6 +100,8 @@ _REQUIRED = [f.name for f in fields(SurfaceFile) if f.name not in ("provenance",
 
 def read_surface(path: Path) -> SurfaceFile:
     """Read and verify a surface file; BadInputError for a missing, damaged, foreign or newer one."""
+    import h5py  # noqa: PLC0415
+
     rebuild = "Build a new one with: haptic surface build --out surface.h5"
     if not os.path.isfile(path):
         said = "is a folder, not a surface file" if os.path.isdir(path) else "there is no such surface file"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import subprocess
@@ -15,7 +16,7 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
-from haptic_driver.cli.output import report_error
+from haptic_driver.cli.output import compiling, report_error
 from haptic_driver.errors import BadInputError, HapticError
 from hw.errors import DeviceError
 from model.errors import ModelError
@@ -155,7 +156,10 @@ def _said(error: Any) -> str:
 
 def run() -> None:
     """Entry point of the `haptic` script. Exit status: 0 done, 1 failed, 2 bad input."""
-    sys.exit(main(sys.argv[1:]))
+    gc.set_threshold(50_000)  # imports make many objects and no garbage; to look for it took a tenth of `haptic solve`,
+    status = main(sys.argv[1:])
+    gc.freeze()  # and at the end a quarter
+    sys.exit(status)
 
 
 def main(arguments: list[str]) -> int:
@@ -165,7 +169,8 @@ def main(arguments: list[str]) -> int:
     asked = [word for word in arguments or _being_completed() if word in COMMANDS][:1]
     app = build_app(asked)
     try:
-        outcome = app(arguments, standalone_mode=False, prog_name="haptic")
+        with compiling():
+            outcome = app(arguments, standalone_mode=False, prog_name="haptic")
     except HapticError as error:
         failure = error
     except ModelError as error:

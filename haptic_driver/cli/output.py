@@ -15,7 +15,15 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.text import Text
 
 from haptic_driver.config_folders import config_names
@@ -99,6 +107,30 @@ def status(what: str) -> Iterator[Callable[[str], None]]:
                 shown.update(f"{what}: {step}")
 
         yield tell
+
+
+@contextmanager
+def compiling() -> Iterator[None]:
+    """Meanwhile say which kernels are compiled: on stderr, and only on a terminal. For where numba is imported."""
+    if "numba" not in sys.modules:
+        yield
+        return
+    from haptic_driver.compiling import compilation, spare_blas  # noqa: PLC0415  (numba is slow to import)
+
+    spare_blas()
+    columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
+    bar = Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal)
+    task = bar.add_task("")
+
+    def tell(kernel: str | None, done: int) -> None:
+        bar.update(task, description=f"compiling, this once: kernel {done + 1}, {kernel}")
+        if kernel is None:
+            bar.stop()
+        else:
+            bar.start()
+
+    with compilation(tell):
+        yield
 
 
 def _finite(value: Any) -> Any:

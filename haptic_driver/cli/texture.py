@@ -11,7 +11,7 @@ from rich.text import Text
 
 from haptic_driver.cli import control
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import Json, ModelOption, RigOption, names_of, report, stdout
+from haptic_driver.cli.output import Json, ModelOption, RigOption, compiling, names_of, report, stdout
 from haptic_driver.config_folders import texture_dirs
 from haptic_driver.errors import BadInputError
 from haptic_driver.textures.library import load, texture_names
@@ -118,14 +118,16 @@ def _reachable(rig: str, model: str, surface: Path | None, normal_force_n: float
 
     config = load_rig(rig)
     limits = config.operating_limits()
-    file = read_surface(surface) if surface is not None else build_surface(load_model(model), limits)
+    with compiling():
+        file = read_surface(surface) if surface is not None else build_surface(load_model(model), limits)
+        settings = ControllerSettings(ready_for_lookup(file, limits), **config.controller.model_dump(), limits=limits)
+        controller = Controller(settings)
     low_n, high_n = float(file.normal_force_n[0]), float(file.normal_force_n[-1])
     if not low_n <= normal_force_n <= high_n:
         raise BadInputError(
             "out_of_range", f"normal force {normal_force_n:g} N is out of range", f"Give {low_n:g} to {high_n:g} N"
         )
-    settings = ControllerSettings(ready_for_lookup(file, limits), **config.controller.model_dump(), limits=limits)
-    low, high = Controller(settings).reachable(normal_force_n)
+    low, high = controller.reachable(normal_force_n)
     return float(low), float(high)
 
 

@@ -1,0 +1,51 @@
+"""What numba does before its first kernels run: what it compiles is told, what it needs not import is spared.
+
+A kernel is compiled once per installation and change of its sources; later programs load it from the cache.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from numba.core import event
+
+BLAS = "scipy.linalg.cython_blas"
+
+
+class _Compilation(event.Listener):
+    def __init__(self, tell: Callable[[str | None, int], None]) -> None:
+        self._tell = tell
+        self._running: list[str] = []  # a kernel waits for those that it calls
+        self._done = 0
+
+    def on_start(self, event: Any) -> None:
+        self._running.append(event.data["dispatcher"].__name__)
+        self._tell(self._running[-1], self._done)
+
+    def on_end(self, event: Any) -> None:
+        self._running.remove(event.data["dispatcher"].__name__)
+        self._done += 1
+        self._tell(self._running[-1] if self._running else None, self._done)
+
+
+@contextmanager
+def compilation(tell: Callable[[str | None, int], None]) -> Iterator[None]:
+    """Call `tell` with the kernel that numba compiles, None when it has done, and how many it has compiled."""
+    with event.install_listener("numba:compile", _Compilation(tell)):
+        yield
+
+
+def spare_blas() -> None:
+    """Keep numba from importing scipy.linalg with its first kernel, for functions that no kernel here calls.
+
+    That import takes longer than numpy's own.
+    """
+    if BLAS in sys.modules:
+        return
+    sys.modules[BLAS] = None  # type: ignore[assignment]
+    with suppress(ImportError):
+        import numba.np.arraymath  # noqa: F401, PLC0415  (where numba looks for it)
+    del sys.modules[BLAS]
