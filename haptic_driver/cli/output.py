@@ -123,10 +123,10 @@ def compiling() -> Iterator[None]:
     task = bar.add_task("")
 
     def tell(kernel: str | None, done: int) -> None:
-        bar.update(task, description=f"compiling, this once: kernel {done + 1}, {kernel}")
         if kernel is None:
             bar.stop()
         else:
+            bar.update(task, description=f"compiling, this once: kernel {done + 1}, {kernel}")
             bar.start()
 
     with compilation(tell):
