@@ -126,8 +126,8 @@ def compiling() -> Iterator[None]:
         if kernel is None:
             bar.stop()
         else:
-            bar.update(task, description=f"compiling, this once: kernel {done + 1}, {kernel}")
             bar.start()
+            bar.update(task, description=f"compiling, this once: kernel {done + 1}, {kernel}", refresh=True)
 
     with compilation(tell):
         yield
