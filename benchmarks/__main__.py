@@ -11,6 +11,7 @@ from benchmarks import (
     arbitrary_upload,
     envelope,
     published_algorithm,
+    start_up,
     surface_build,
     surface_lookup,
     surface_rebuild,
@@ -26,7 +27,7 @@ def main() -> int:
     claims: list[Claim] = []
     for part in (
         surface_build, surface_rebuild, surface_lookup, published_algorithm, transport, arbitrary_upload, tick_compute,
-        envelope, tick_lateness,
+        envelope, tick_lateness, start_up,
     ):  # fmt: skip
         for claim in part.run():
             claims.append(claim)

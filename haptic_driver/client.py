@@ -15,19 +15,15 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 from socket import AF_UNIX, SOCK_STREAM
 from socket import socket as unix_socket
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Self, TypeVar
 
-import httpx
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
-from websockets.exceptions import ConnectionClosed, WebSocketException
-from websockets.sync.client import unix_connect
 
 from haptic_driver.daemon.api_records import (
     LEASE_HEADER,
@@ -37,7 +33,6 @@ from haptic_driver.daemon.api_records import (
     SampleColumns,
     StateFrame,
     TextureNames,
-    samples_of,
 )
 from haptic_driver.daemon.processes import default_socket
 from haptic_driver.daemon.records import (
@@ -53,9 +48,13 @@ from haptic_driver.daemon.records import (
 )
 from haptic_driver.errors import BadInputError, HapticError
 
+if TYPE_CHECKING:  # `haptic status` waits neither for numpy nor for WebSockets
+    import numpy as np
+    from numpy.typing import NDArray
+
 TIMEOUT_S = 10.0  # switching off waits for a slow instrument
 RENEWALS_PER_LEASE = 4
-BASE_URL = "http://haptic"  # the socket says where; HTTP wants a name all the same
+HOST = "haptic"  # the socket says where; HTTP wants a name all the same
 
 Answer = TypeVar("Answer", bound=BaseModel)
 
@@ -77,13 +76,10 @@ class HapticClient:
 
     def __init__(self, socket: Path | None = None) -> None:
         self.socket = socket if socket is not None else default_socket()
-        self._refuse_if_nobody_listens()
-        transport = httpx.HTTPTransport(uds=str(self.socket))
-        self._http = httpx.Client(transport=transport, base_url=BASE_URL, timeout=TIMEOUT_S)
+        self._connected().close()
 
     def close(self) -> None:
-        """Close the connection; what the daemon does is not changed by it."""
-        self._http.close()
+        """Nothing is left open between requests; what the daemon does is not changed by it."""
 
     def __enter__(self) -> Self:
         """Itself."""
@@ -150,11 +146,13 @@ class HapticClient:
 
     def events(self, since: int = 0) -> list[Event]:
         """What happened after event number `since`."""
-        return self._get("/events", Events, since=since).events
+        return self._get(f"/events?since={since}", Events).events
 
     def samples(self, since_tick: int = 0, most: int = 1000) -> NDArray[np.void]:
         """Ticks after `since_tick`, the newest `most` of them, of dtype `haptic_driver.daemon.samples.SAMPLE`."""
-        return samples_of(self._get("/samples", SampleColumns, since=since_tick, most=most).root)
+        from haptic_driver.daemon.frames import samples_of  # noqa: PLC0415
+
+        return samples_of(self._get(f"/samples?since={since_tick}&most={most}", SampleColumns).root)
 
     def watch(self) -> Generator[StateFrame, None, None]:
         """The state, 20 times a second, until the daemon ends."""
@@ -164,30 +162,37 @@ class HapticClient:
         """Events as they happen, until the daemon ends."""
         return self._stream(f"/events?since={since}", Event)
 
-    def _get(self, path: str, schema: type[Answer], **query: Any) -> Answer:
-        return self._ask(schema, self._http.build_request("GET", path, params=query))
+    def _get(self, path: str, schema: type[Answer]) -> Answer:
+        return self._ask(schema, "GET", path)
 
     def _post(self, path: str, schema: type[Answer], body: Record | None = None, token: str | None = None) -> Answer:
-        headers = {} if token is None else {LEASE_HEADER: token}
-        json = None if body is None else body.model_dump()
-        return self._ask(schema, self._http.build_request("POST", path, json=json, headers=headers))
+        return self._ask(schema, "POST", path, body, token)
 
-    def _ask(self, schema: type[Answer], request: httpx.Request) -> Answer:
-        try:
-            response = self._http.send(request)
-        except httpx.ConnectError as error:
-            raise self._no_daemon() from error
-        except httpx.HTTPError as error:
-            raise NoDaemonError(
-                "no_answer", f"the daemon at {self.socket} does not answer ({error})", "look at its log"
-            ) from error
-        if response.is_error:
-            raise _error_of(response)
-        return _understood(schema, response.content)
+    def _ask(
+        self, schema: type[Answer], method: str, path: str, body: Record | None = None, token: str | None = None
+    ) -> Answer:
+        """A connection of its own, so that switching off never waits for what another thread has asked."""
+        content = None if body is None else body.model_dump_json().encode()
+        headers = {"Content-Type": "application/json"} | ({} if token is None else {LEASE_HEADER: token})
+        with closing(self._connected()) as connection:
+            try:
+                connection.request(method, path, content, headers)
+                response = connection.getresponse()
+                said = response.read()
+            except (OSError, HTTPException) as error:
+                raise NoDaemonError(
+                    "no_answer", f"the daemon at {self.socket} does not answer ({error})", "look at its log"
+                ) from error
+        if response.status >= 400:
+            raise _error_of(response.status, said)
+        return _understood(schema, said)
 
     def _stream(self, path: str, schema: type[Answer]) -> Generator[Answer, None, None]:
+        from websockets.exceptions import ConnectionClosed, WebSocketException  # noqa: PLC0415
+        from websockets.sync.client import unix_connect  # noqa: PLC0415
+
         try:
-            with unix_connect(str(self.socket), BASE_URL.replace("http", "ws") + path) as messages:
+            with unix_connect(str(self.socket), f"ws://{HOST}{path}") as messages:
                 while True:
                     yield _understood(schema, messages.recv())
         except ConnectionClosed:
@@ -195,12 +200,17 @@ class HapticClient:
         except (OSError, WebSocketException) as error:
             raise self._no_daemon() from error
 
-    def _refuse_if_nobody_listens(self) -> None:
-        with unix_socket(AF_UNIX, SOCK_STREAM) as probe:
-            try:
-                probe.connect(str(self.socket))
-            except OSError as error:
-                raise self._no_daemon() from error
+    def _connected(self) -> HTTPConnection:
+        line = unix_socket(AF_UNIX, SOCK_STREAM)
+        line.settimeout(TIMEOUT_S)
+        try:
+            line.connect(str(self.socket))
+        except OSError as error:
+            line.close()
+            raise self._no_daemon() from error
+        connection = HTTPConnection(HOST)
+        connection.sock = line
+        return connection
 
     def _no_daemon(self) -> NoDaemonError:
         return NoDaemonError(
@@ -302,10 +312,10 @@ def _shown_off(status: Status) -> Status:
     return status
 
 
-def _error_of(response: httpx.Response) -> HapticError:
+def _error_of(status: int, content: bytes) -> HapticError:
     try:
-        said = ErrorReport.model_validate_json(response.content).error
+        said = ErrorReport.model_validate_json(content).error
     except ValidationError:
-        return HapticError("bad_answer", f"status {response.status_code} without a reason", "is this the daemon?")
+        return HapticError("bad_answer", f"status {status} without a reason", "is this the daemon?")
     kinds = {403: RefusedError, 409: RefusedError, 400: BadInputError, 413: BadInputError, 422: BadInputError}
-    return kinds.get(response.status_code, HapticError)(said.code, said.message, said.hint)
+    return kinds.get(status, HapticError)(said.code, said.message, said.hint)

@@ -17,23 +17,23 @@ from math import log
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import replacing
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.correction import Correction
 from haptic_driver.render.surface import Surface
+from model.support.interpolation import linear_weights, polynomial_weights
 
 FORMAT = "haptic-driver surface"
 FORMAT_VERSION = 1.1
 READABLE_VERSIONS = (1.0, FORMAT_VERSION)  # 1.0 has no interval of friction
 CORRECTION, COF = "correction_", "cof_"  # before the names of a correction's datasets, and of an interval's
 ROUNDING = 1e-9  # kept clear of a limit, so that its own check by another path never fails by rounding
-FORCE_REFINEMENT = 4  # cells of the look-up per cell of the file along normal force, by a cubic through all levels
+FORCE_REFINEMENT = 4  # cells of the look-up per cell of the file along normal force
+FORCE_LEVELS = 5  # nearest, that a polynomial between them goes through
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -84,6 +84,8 @@ class SurfaceFile:
 
     def write(self, path: Path) -> None:
         """Write all or nothing; HapticError says why not."""
+        import h5py  # noqa: PLC0415  (slow to import, and not for every surface)
+
         with replacing(path) as part, h5py.File(part, "w") as file:
             file.attrs["format"] = FORMAT
             file.attrs["format_version"] = FORMAT_VERSION
@@ -98,6 +100,8 @@ _REQUIRED = [f.name for f in fields(SurfaceFile) if f.name not in ("provenance",
 
 def read_surface(path: Path) -> SurfaceFile:
     """Read and verify a surface file; BadInputError for a missing, damaged, foreign or newer one."""
+    import h5py  # noqa: PLC0415
+
     rebuild = "Build a new one with: haptic surface build --out surface.h5"
     if not os.path.isfile(path):
         said = "is a folder, not a surface file" if os.path.isdir(path) else "there is no such surface file"
@@ -143,8 +147,10 @@ def cof_interval_at(
         return None
     nodes = (np.log(file.frequency_hz), file.voltage_v, np.log(file.normal_force_n))
     point = log(frequency_hz), voltage_v, log(normal_force_n)
-    inside = [np.clip(x, a[0], a[-1]) for x, a in zip(point, nodes, strict=True)]
-    low, high = (float(RegularGridInterpolator(nodes, end)(inside)[0]) for end in file.cof_interval)
+    weights = [linear_weights(axis, np.asarray(x)) for axis, x in zip(nodes, point, strict=True)]
+    around = np.ix_(*(np.flatnonzero(w) for w in weights))  # further away it may be infinite
+    share = np.einsum("f,v,n->fvn", *(w[w > 0.0] for w in weights))
+    low, high = (float(np.sum(share * end[around])) for end in file.cof_interval)
     return low, high
 
 
@@ -180,11 +186,10 @@ def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
 
 
 def _refined(values: Array, file: SurfaceFile, force: Array) -> Array:
-    """`values` [f, v, n] on the finer normal forces: cubic in log(values) over log force; 0 at V = 0."""
+    """`values` [f, v, n] on the finer normal forces: polynomials of log(values) over log force; 0 at V = 0."""
     scaled = np.log(values[:, 1:])
     known = np.asarray(np.isfinite(scaled).all(axis=2))
-    levels = np.log(file.normal_force_n)
-    weights = CubicSpline(levels, np.eye(levels.size))(np.log(force))  # a spline is linear in the values at its nodes
+    weights = polynomial_weights(np.log(file.normal_force_n), np.log(force), FORCE_LEVELS)
     fine = np.zeros((*values.shape[:2], force.size))
     np.exp(np.where(known[:, :, None], scaled, 0.0) @ weights.T, out=fine[:, 1:])
     fine[:, 1:][~known] = np.nan

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from model.contact.gap_distribution import area_ratio
-from model.contact.gap_integrals import LOG_P_AXIS, LOG_U_AXIS
 from model.contact.gap_table import GapTable, axis, gap_nodes
+from model.contact.resolution import LOG_P_AXIS, LOG_U_AXIS
 from model.contact.roughness import contact_length_m
 from model.description import ModelDescription
 from model.electric.charges import Coefficients, Layers, coefficients

@@ -10,8 +10,9 @@ import math
 
 import numpy as np
 
-from model.contact.gap_integrals import LOG_P_AXIS, TableArrays, k_hat, kept_share
+from model.contact.gap_integrals import TableArrays, k_hat, kept_share
 from model.contact.gap_table import GapTable
+from model.contact.resolution import LOG_P_AXIS
 from model.electric.circuit import GapCircuit, divider, squared
 from model.electric.dielectrics import EPS0
 from model.support.arrays import Array, Mask

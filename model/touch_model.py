@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model import friction, published, solver
+from model import friction, solver
 from model.conditions import Conditions, sines
 from model.contact.gap_table import GapTable, gap_table
 from model.contact.roughness import SelfAffineShape
@@ -138,9 +138,9 @@ def _broadcast(
     return PreparedTouch(circuit, omega, rms_v, laws, shape)
 
 
-def cof(law: FrictionLaw, parameters: TouchParameters, touch: PreparedTouch, force_n: Array, load_n: Values) -> Array:
-    """Friction under the electrostatic force [n] and what else attracts, in the shape of the conditions."""
-    attraction_n = (force_n + touch.circuit.added_pa * parameters.contact_area_m2).reshape(touch.shape)
+def cof(law: FrictionLaw, parameters: TouchParameters, touch: PreparedTouch, p_e_pa: Array, load_n: Values) -> Array:
+    """Friction under the electrostatic pressure [n] and what else attracts, in the shape of the conditions."""
+    attraction_n = (p_e_pa + touch.circuit.added_pa).reshape(touch.shape) * parameters.contact_area_m2
     return friction.cof(law, parameters.cof_off, attraction_n, load_n, touch.friction)
 
 
@@ -194,7 +194,7 @@ class TouchModel:
         within_theory = attraction.pressure_pa <= THEORY_PRESSURE_RATIO * circuit.load_pa
         return Prediction(
             electrostatic_force_n=attraction.force_n.reshape(touch.shape),
-            cof=cof(law, p, touch, attraction.force_n, drive.normal_force_n),
+            cof=cof(law, p, touch, attraction.force_n / p.contact_area_m2, drive.normal_force_n),
             current_rms_a=sliding.reshape(touch.shape),
             stuck_current_rms_a=stuck.reshape(touch.shape),
             pulled_in=attraction.pulled_in.reshape(touch.shape),
@@ -205,6 +205,8 @@ class TouchModel:
     def _attraction(self, drive: Drive, touch: PreparedTouch) -> Attraction:
         """The one place where the variants part; the current, of which the paper prints nothing, is always ours."""
         if self.description.is_published:
+            from model import published  # noqa: PLC0415 - scipy is slow to import, and the rest does without
+
             return published.solve(self.description, self.table, drive)
         p_e, pulled_in = solver.solve(self.table, touch.circuit)
         return Attraction(p_e, p_e * self.description.values.contact_area_m2, pulled_in)

@@ -27,7 +27,7 @@ def calibrate(
     also: Annotated[list[str] | None, typer.Option("--also", help="A further parameter to fit; repeatable.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Fit a finger's own numbers (roughness, skin thickness, leakage, friction without voltage) to its data.
+    """Fit a finger's own numbers (roughness, skin thickness, leakage, friction at 0 V) to its data.
 
     Says how far each is known, which the data cannot tell apart, and how well the model fits.
 

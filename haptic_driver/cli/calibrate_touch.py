@@ -50,7 +50,7 @@ def calibrate_touch(
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing --out.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Calibrate a rig's touch screen: touch known places as they are asked for, and paste what it says.
+    """Calibrate a rig's touch screen: touch known places as asked, and paste what it says.
 
     Give at least 3 places that are not on a line; from 4 on they check one another, from 6 on (corners, middle, an
     edge) they tell which touch was wrong. Nothing is energised: neither generator nor amplifier is opened. The rig's

@@ -46,7 +46,7 @@ def explore(
     normal_force: Annotated[float, typer.Option("--normal-force", help="N.", min=0.01, max=50.0)] = 0.5,
     as_json: Json = False,
 ) -> None:
-    """Draw the force's spectrum under several drives, the impedance, where the force turns steep, and friction.
+    """Draw the force's spectrum under several drives, the impedance, where force turns steep, and friction.
 
     Friction is drawn over normal force, and over speed with each effect of speed switched on in turn. Beside each
     picture lies its table.

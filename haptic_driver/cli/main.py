@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import subprocess
@@ -15,7 +16,7 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
-from haptic_driver.cli.output import report_error
+from haptic_driver.cli.output import compiling, report_error
 from haptic_driver.errors import BadInputError, HapticError
 from hw.errors import DeviceError
 from model.support.errors import ModelError
@@ -49,6 +50,36 @@ COMMANDS = {
     "reproduce": "reproduce.reproduce",
     "simulate": "simulate.simulate",
     "doctor": "doctor.doctor",
+}
+
+# The first line of each command's docstring, or its group's help, for the help of `haptic` imports none of them.
+SUMMARIES = {
+    "predict": "Predict force, friction and current for a table of conditions.",
+    "surface": "Build, describe and draw the lookup surface.",
+    "solve": "Find the frequency and voltage that give a target friction within the rig's limits.",
+    "demo": "Slide a finger over a texture on a simulated rig and compare friction with its target.",
+    "texture": "List, draw, check and play textures.",
+    "daemon": "Run the daemon.",
+    "arm": "Arm, and hold the lease until Ctrl-C or `haptic disarm`; whatever ends this leaves the output off.",
+    "set": "Ask for one friction everywhere; somebody must have armed.",
+    "off": "Output to zero at once; whoever armed stays armed. Fails when the output cannot be shown to be off.",
+    "disarm": "Output to zero at once, and end the lease, whoever holds it.",
+    "use": "Render by another model, such as one that `haptic calibrate` made for a finger; while the daemon is idle.",
+    "reset": "Acknowledge a fault or trip whose cause is gone.",
+    "status": "Say what the daemon does; `output_on` is null where nobody knows.",
+    "watch": "Show state, friction, voltage and flags until Ctrl-C; in a pipe or with --json, a JSON object per line.",
+    "record": "Record every tick into a file, until --stop.",
+    "export": "Write a run of a recording as CSV or Parquet, one row per tick.",
+    "measure": "Measure friction over a plan's frequencies, voltages, loads and speeds.",
+    "diagnose": "Find where measured friction and the model disagree, name the missing effect, add it, and prove it.",
+    "calibrate": "Fit a finger's own numbers (roughness, skin thickness, leakage, friction at 0 V) to its data.",
+    "calibrate-touch": "Calibrate a rig's touch screen: touch known places as asked, and paste what it says.",
+    "study": "Solve a surface for every finger of a study and say how friction, force and reach spread over them.",
+    "sensitivity": "Say how much each uncertain number adds to the spread of the electrostatic force (Sobol indices).",
+    "explore": "Draw the force's spectrum under several drives, the impedance, where force turns steep, and friction.",
+    "reproduce": "Compute figures 4 to 8 of the paper: pictures, CSV tables, and its statements beside what comes out.",
+    "simulate": "Serve the simulated instruments of a rig on loopback until interrupted, for any software to talk to.",
+    "doctor": "Check a rig without energising it: identity, settings, limits, monitors, calibration dates, scheduling.",
 }
 
 # What the parser raises for a wrong command line, whether typer ships its parser or imports it.
@@ -85,22 +116,29 @@ def _options(
     pass
 
 
-def build_app(names: Iterable[str] = COMMANDS) -> typer.Typer:
-    """The command line with the named commands; the others are not even imported."""
+def build_app(imported: Iterable[str] = COMMANDS) -> typer.Typer:
+    """The command line; of a command that is not `imported` it knows the name and the summary alone."""
     app = typer.Typer(
         no_args_is_help=True, add_completion=True, rich_markup_mode="markdown", pretty_exceptions_enable=False,
         help="Friction under a finger: from a target to a safe voltage on an electroadhesive touch screen.",
         epilog="Exit status: 0 done, 1 failed, 2 what was given cannot be used.",
     )  # fmt: skip
     app.callback()(_options)
-    for name in names:
-        module_name, _, function = COMMANDS[name].partition(".")
+    for name, place in COMMANDS.items():
+        if name not in imported:
+            app.command(name, help=SUMMARIES[name])(_not_imported)
+            continue
+        module_name, _, function = place.partition(".")
         module = import_module(f"haptic_driver.cli.{module_name}")
         if function:
             app.command(name)(getattr(module, function))
         else:
             app.add_typer(module.app, name=name)
     return app
+
+
+def _not_imported() -> None:
+    raise AssertionError("a command that runs is imported first")
 
 
 def _being_completed() -> list[str]:
@@ -118,18 +156,21 @@ def _said(error: Any) -> str:
 
 def run() -> None:
     """Entry point of the `haptic` script. Exit status: 0 done, 1 failed, 2 bad input."""
-    sys.exit(main(sys.argv[1:]))
+    gc.set_threshold(50_000)  # imports make many objects and no garbage; to look for it took a tenth of `haptic solve`,
+    status = main(sys.argv[1:])
+    gc.freeze()  # and at the end a quarter
+    sys.exit(status)
 
 
 def main(arguments: list[str]) -> int:
     """Run one command line and return its exit status."""
     if arguments[:1] == ["set"]:  # the parser takes a negative number for an option, but not one behind a space
         arguments = [f" {word}" if re.match(r"-\.?\d", word) else word for word in arguments]
-    asked = [word for word in (arguments or _being_completed())[:1] if word in COMMANDS]
-    # One command alone would become the whole program, so a second, light one stays beside it.
-    app = build_app(dict.fromkeys([*asked, "status"]) if asked else COMMANDS)
+    asked = [word for word in arguments or _being_completed() if word in COMMANDS][:1]
+    app = build_app(asked)
     try:
-        outcome = app(arguments, standalone_mode=False, prog_name="haptic")
+        with compiling():
+            outcome = app(arguments, standalone_mode=False, prog_name="haptic")
     except HapticError as error:
         failure = error
     except ModelError as error:

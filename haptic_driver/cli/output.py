@@ -15,21 +15,24 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.text import Text
 
+from haptic_driver.config_folders import config_names
 from haptic_driver.errors import HapticError
 
 
 def names_of(kind: str) -> Callable[[], list[str]]:
     """For shell completion: the names in the config folders of a kind (rigs, models, plans, textures, populations)."""
-
-    def names() -> list[str]:
-        from haptic_driver.config import config_names  # noqa: PLC0415  (slow to import)
-
-        return config_names(kind)
-
-    return names
+    return lambda: config_names(kind)
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
@@ -104,6 +107,29 @@ def status(what: str) -> Iterator[Callable[[str], None]]:
                 shown.update(f"{what}: {step}")
 
         yield tell
+
+
+@contextmanager
+def compiling() -> Iterator[None]:
+    """Meanwhile say which kernels are compiled: on stderr, and only on a terminal. For where numba is imported."""
+    if "numba" not in sys.modules:
+        yield
+        return
+    from haptic_driver.compiling import compilation  # noqa: PLC0415  (numba is slow to import)
+
+    columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
+    bar = Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal)
+    task = bar.add_task("")
+
+    def tell(kernel: str | None, done: int) -> None:
+        if kernel is None:
+            bar.stop()
+        else:
+            bar.start()
+            bar.update(task, description=f"compiling, this once: kernel {done + 1}, {kernel}", refresh=True)
+
+    with compilation(tell):
+        yield
 
 
 def _finite(value: Any) -> Any:

@@ -21,7 +21,7 @@ def reproduce(
     model: ModelOption = "reference",
     as_json: Json = False,
 ) -> None:
-    """Compute figures 4 to 8 of the paper: pictures, CSV tables, and what its text states beside what comes out.
+    """Compute figures 4 to 8 of the paper: pictures, CSV tables, and its statements beside what comes out.
 
     Every figure shows the corrected equations and those printed. Measured curves are not drawn: their numbers are not
     printed.

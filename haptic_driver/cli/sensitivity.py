@@ -29,7 +29,7 @@ def sensitivity(
     seed: Annotated[int, typer.Option("--seed", min=0)] = 0,
     as_json: Json = False,
 ) -> None:
-    """Say how much each uncertain number contributes to the spread of the electrostatic force (Sobol indices).
+    """Say how much each uncertain number adds to the spread of the electrostatic force (Sobol indices).
 
     Example: `haptic sensitivity --out sensitivity`
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,6 +20,8 @@ from haptic_driver.signals import FingerState, OperatingPoint, TargetFriction
 from haptic_driver.surface_builder import build_surface
 from haptic_driver.surface_file import SurfaceFile, cof_interval_at, read_surface, ready_for_lookup
 from model import friction as friction_law
+from model.analysis import uncertainty
+from model.description import ModelDescription
 from model.support.errors import nearest
 
 
@@ -48,8 +51,11 @@ def solve(
         raise BadInputError("bad_frequency", "policy fixed_frequency needs a frequency", "Give --frequency in Hz")
     if surface is not None:
         file = read_surface(surface)
+        interval_at = partial(cof_interval_at, file)
     else:
-        file = build_surface(load_model(model), limits, with_interval=True)
+        description = load_model(model)
+        file = build_surface(description, limits)
+        interval_at = partial(_interval_at, description)
     low_n, high_n = float(file.normal_force_n[0]), float(file.normal_force_n[-1])
     _check(normal_force, "normal force", low_n, high_n, " N")
     own = config.controller.model_dump() | {"policy": chosen}
@@ -57,7 +63,7 @@ def solve(
         own["fixed_frequency_hz"] = fixed_hz
     controller = Controller(ControllerSettings(ready_for_lookup(file, limits), limits, **own))
     point = _point(controller, limits, friction, normal_force)
-    interval = cof_interval_at(file, point.frequency_hz, point.voltage_v, normal_force)
+    interval = interval_at(point.frequency_hz, point.voltage_v, normal_force)
     payload = {
         "frequency_hz": point.frequency_hz,
         "voltage_v": point.voltage_v,
@@ -69,6 +75,15 @@ def solve(
         "cof_interval": None if interval is None else list(interval),
     }
     report(as_json, payload, lambda: _show(payload, normal_force))
+
+
+def _interval_at(
+    model: ModelDescription, frequency_hz: float, voltage_v: float, normal_force_n: float
+) -> tuple[float, float] | None:
+    """As `cof_interval_at` reads it from a surface; the equations as printed have none."""
+    if model.is_published:
+        return None
+    return uncertainty.cof_interval_at(model, frequency_hz, voltage_v, normal_force_n)
 
 
 def _point(controller: Controller, limits: OperatingLimits, friction: float, normal_force_n: float) -> OperatingPoint:

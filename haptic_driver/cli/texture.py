@@ -11,12 +11,9 @@ from rich.text import Text
 
 from haptic_driver.cli import control
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import Json, ModelOption, RigOption, names_of, report, stdout
-from haptic_driver.config import RigConfig, load_model, load_rig, texture_dirs
+from haptic_driver.cli.output import Json, ModelOption, RigOption, compiling, names_of, report, stdout
+from haptic_driver.config_folders import texture_dirs
 from haptic_driver.errors import BadInputError
-from haptic_driver.render.controller import Controller, ControllerSettings
-from haptic_driver.surface_builder import build_surface
-from haptic_driver.surface_file import SurfaceFile, read_surface, ready_for_lookup
 from haptic_driver.textures.library import load, texture_names
 from haptic_driver.textures.reach import WEBER, Demand, demand
 
@@ -76,10 +73,7 @@ def check(
     Example: `haptic texture check linen --normal-force 0.5`
     """
     loaded = load(name, texture_dirs())
-    config = load_rig(rig)
-    limits = config.operating_limits()
-    file = read_surface(surface) if surface is not None else build_surface(load_model(model), limits)
-    reachable = _reachable(config, file, normal_force)
+    reachable = _reachable(rig, model, surface, normal_force)
     found = demand(loaded.target, reachable)
     payload = {
         "name": name,
@@ -115,15 +109,25 @@ def _entry(name: str) -> dict[str, Any]:
     }
 
 
-def _reachable(config: RigConfig, file: SurfaceFile, normal_force_n: float) -> tuple[float, float]:
+def _reachable(rig: str, model: str, surface: Path | None, normal_force_n: float) -> tuple[float, float]:
+    # Slow to import, and no other command of this group needs them.
+    from haptic_driver.config import load_model, load_rig  # noqa: PLC0415
+    from haptic_driver.render.controller import Controller, ControllerSettings  # noqa: PLC0415
+    from haptic_driver.surface_builder import build_surface  # noqa: PLC0415
+    from haptic_driver.surface_file import read_surface, ready_for_lookup  # noqa: PLC0415
+
+    config = load_rig(rig)
+    limits = config.operating_limits()
+    with compiling():
+        file = read_surface(surface) if surface is not None else build_surface(load_model(model), limits)
+        settings = ControllerSettings(ready_for_lookup(file, limits), **config.controller.model_dump(), limits=limits)
+        controller = Controller(settings)
     low_n, high_n = float(file.normal_force_n[0]), float(file.normal_force_n[-1])
     if not low_n <= normal_force_n <= high_n:
         raise BadInputError(
             "out_of_range", f"normal force {normal_force_n:g} N is out of range", f"Give {low_n:g} to {high_n:g} N"
         )
-    limits = config.operating_limits()
-    settings = ControllerSettings(ready_for_lookup(file, limits), **config.controller.model_dump(), limits=limits)
-    low, high = Controller(settings).reachable(normal_force_n)
+    low, high = controller.reachable(normal_force_n)
     return float(low), float(high)
 
 

@@ -32,7 +32,7 @@ def watch(
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
-    """Show state, friction, voltage and flags live until Ctrl-C; in a pipe or with --json, one JSON object per line.
+    """Show state, friction, voltage and flags until Ctrl-C; in a pipe or with --json, a JSON object per line.
 
     Example: `haptic watch --for 10`
     """

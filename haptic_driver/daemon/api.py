@@ -29,9 +29,8 @@ from haptic_driver.daemon.api_records import (
     SurfaceMap,
     TextureMap,
     TextureNames,
-    sample_columns,
-    state_frame,
 )
+from haptic_driver.daemon.frames import sample_columns, state_frame
 from haptic_driver.daemon.records import ArmRequest, Control, Lease, ModelChoice, Status, Target, TextureChoice
 from haptic_driver.daemon.web_security import BodyLimit, refusal
 from haptic_driver.errors import BadInputError, HapticError

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from haptic_driver.errors import HapticError
+
+if TYPE_CHECKING:  # `haptic status` does not wait for numpy
+    import numpy as np
+    from numpy.typing import NDArray
 
 HIGHEST_COF = 10.0  # that anybody may ask for
 

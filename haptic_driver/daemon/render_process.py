@@ -19,6 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from haptic_driver.compiling import compilation_said
 from haptic_driver.daemon import real_time
 from haptic_driver.daemon.real_time import Due
 from haptic_driver.daemon.samples import Flag
@@ -261,7 +262,8 @@ def main() -> None:
     settings: RenderSettings = pickle.load(sys.stdin.buffer)
     shared = SharedState(descriptor)
     renderer = Renderer(settings, shared)
-    renderer.warm_up()
+    with compilation_said("render process"):
+        renderer.warm_up()
     granted = real_time.enter()
     real_time.settle_memory()
     print(json.dumps(granted._asdict()), flush=True)

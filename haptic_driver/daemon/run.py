@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+from haptic_driver.compiling import compilation_said
 from haptic_driver.daemon.control_process import Daemon
 from haptic_driver.daemon.outlets import LslOutlet, OscOutlet, Outlet, feeding
 from haptic_driver.daemon.processes import Place, default_socket
@@ -45,9 +46,10 @@ def run_daemon(
     take_precedence()
     place = Place(socket or default_socket())
     try:
-        settings = daemon_settings(rig, model, allow_no_rt=allow_no_rt, amplifier_record=amplifier_record)
-        outlets = _outlets(settings, lsl, osc)
-        return 0 if _serve_until(ended, settings, place, tcp_port, outlets, announce) is False else 1
+        with compilation_said("daemon"):
+            settings = daemon_settings(rig, model, allow_no_rt=allow_no_rt, amplifier_record=amplifier_record)
+            outlets = _outlets(settings, lsl, osc)
+            return 0 if _serve_until(ended, settings, place, tcp_port, outlets, announce) is False else 1
     finally:
         place.close()
 

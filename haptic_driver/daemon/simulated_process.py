@@ -24,6 +24,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from haptic_driver.compiling import compilation_said
 from haptic_driver.config import RigConfig, load_model, load_rig
 from haptic_driver.daemon.real_time import Metronome
 from haptic_driver.daemon.simulated_lines import PANEL, SCALE, LinesServer
@@ -212,9 +213,8 @@ def main() -> None:
     ended = threading.Event()
     signal.signal(signal.SIGTERM, lambda number, frame: ended.set())
     signal.signal(signal.SIGINT, lambda number, frame: ended.set())
-    with SimulatedInstruments(
-        config, load_model(config.simulation.model or given.model), record=given.record
-    ) as served:
+    model = load_model(config.simulation.model or given.model)
+    with compilation_said("simulated instruments"), SimulatedInstruments(config, model, record=given.record) as served:
         print(json.dumps({"endpoints": served.endpoints}), flush=True)
         threading.Thread(target=_linger, args=(ended,), daemon=True).start()
         metronome = Metronome(STEP_S)

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import read_text
@@ -118,6 +117,8 @@ def _curve(where: str, kind: Any, position_m: FloatArray, amplitude: FloatArray)
     count = math.ceil((position_m[-1] - position_m[0]) / (FINEST_MM * 1e-3))
     if count > LARGEST_CURVE_POINTS:
         raise _refused(where, f"is {position_m[-1] - position_m[0]:g} m long", "check unit_exponent: -3 means mm")
+    from scipy.interpolate import Akima1DInterpolator, CubicSpline  # noqa: PLC0415  (slow to import)
+
     dense_m = np.union1d(np.linspace(position_m[0], position_m[-1], count + 1), position_m)
     if kind == "Akima":
         return dense_m, np.asarray(Akima1DInterpolator(position_m, amplitude)(dense_m))

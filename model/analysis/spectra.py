@@ -15,8 +15,9 @@ import numpy as np
 
 from model import solver
 from model.conditions import SINE_MEAN_SQUARE
-from model.contact.gap_integrals import LOG_P_AXIS, stencil
+from model.contact.gap_integrals import stencil
 from model.contact.gap_table import gap_nodes
+from model.contact.resolution import LOG_P_AXIS
 from model.electric.circuit import GapCircuit
 from model.electric.current import sliding_admittance_per_m, stuck_admittance_per_m
 from model.electric.dielectrics import EPS0

@@ -9,16 +9,13 @@ gamma) are held.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
-from scipy.special import ndtri
-from scipy.stats import qmc
 
 from model import solver
 from model.conditions import sines
-from model.contact.gap_table import GapTable
 from model.contact.theory_error import theory_log_std
 from model.description import ModelDescription
 from model.diagnosis.space import FINGER
@@ -27,11 +24,13 @@ from model.electric.dielectrics import Dielectric
 from model.parameters import SPECIFICATION, Parameter
 from model.support.arrays import Array, ComplexArray, Values
 from model.support.errors import ModelError
+from model.support.interpolation import linear_weights
 from model.touch import SPEED_REFERENCE_M_S, Drive
 from model.touch_model import TouchModel, cof, prepare
 
 INTERVAL = (0.16, 0.84)  # one standard deviation each way, were friction normal
 DRAWS = 64
+DRAWS_AT_ONE = 512  # condition; they cost little there
 SEED = 0
 MOST_FREQUENCIES = MOST_VOLTAGES = 25  # at which draws are solved; the interval's width is smooth between them
 MOST_THEORY_ERROR = 0.6  # of the logarithm of pressure, either way
@@ -129,10 +128,13 @@ def varied(description: ModelDescription, numbers: tuple[Uncertain, ...], x: Any
 
 
 def normal_draws(count: int, dimensions: int, seed: int) -> Array:
-    """Standard normal numbers [count, dimensions] that fill their space evenly (scrambled Sobol sequence)."""
-    generator = np.random.default_rng(seed)
-    uniform = qmc.Sobol(dimensions, seed=generator).random_base2(int(np.ceil(np.log2(count))))[:count]
-    return np.asarray(ndtri(np.clip(uniform, 1e-9, 1.0 - 1e-9)))
+    """Standard normal numbers [count, dimensions] that fill their space evenly: a Latin hypercube.
+
+    In each dimension one in the middle of every `count`-th part of the probability; McKay, Beckman and Conover,
+    Technometrics 21 (1979) 239.
+    """
+    middles = np.array([NormalDist().inv_cdf((i + 0.5) / count) for i in range(count)])
+    return np.random.default_rng(seed).permuted(np.tile(middles, (dimensions, 1)), axis=1).T
 
 
 def cof_interval(
@@ -150,23 +152,39 @@ def cof_interval(
     voltages (from 0); what is interpolated is the ratio to `own_cof`. ModelError for the equations as printed, whose
     error is not one of their numbers.
     """
-    if description.is_published:
-        raise ModelError("the equations as printed have no uncertainty to carry", "Use a model of variant 'corrected'")
     f, v = _thinned(frequency_hz, MOST_FREQUENCIES), np.linspace(0.0, voltage_v[-1], MOST_VOLTAGES)
     drive = sines(f[:, None, None], v[:, None], normal_force_n, SPEED_REFERENCE_M_S, 0.0)
-    table, base = TouchModel(description).table, TouchModel(description).answer(drive)
-    theory = theory_error(description, drive, base.electrostatic_force_n)
-    numbers = uncertain_numbers(description)
-    drawn = np.empty((draws, *base.cof.shape))
-    for i, x in enumerate(normal_draws(draws, len(numbers) + 1, seed)):
-        gain = np.exp(np.clip(theory * x[-1], -MOST_THEORY_ERROR, MOST_THEORY_ERROR))
-        drawn[i] = _cof_of(varied(description, numbers, x[:-1]), table, drive, gain)
-    drawn[np.isnan(drawn)] = np.inf
-    ends = np.quantile(drawn, INTERVAL, axis=0, method="inverted_cdf")
-    at = np.stack(np.meshgrid(np.log(frequency_hz), voltage_v, np.log(normal_force_n), indexing="ij"), axis=-1)
-    nodes = (np.log(f), v, np.log(normal_force_n))
-    low, high = (np.asarray(own_cof * _interpolated(nodes, end / base.cof, at)) for end in ends)
+    base, ends = _base_and_ends(description, drive, draws, seed)
+    weights = linear_weights(np.log(f), np.log(frequency_hz)), linear_weights(v, voltage_v)
+    low, high = (own_cof * _interpolated(end / base, *weights) for end in ends)
     return low, high
+
+
+def cof_interval_at(
+    description: ModelDescription, frequency_hz: float, voltage_v: float, normal_force_n: float
+) -> tuple[float, float]:
+    """The same under one condition, where more draws are solved."""
+    f, v, n = (np.array([x]) for x in (frequency_hz, voltage_v, normal_force_n))
+    _, ends = _base_and_ends(description, sines(f, v, n, SPEED_REFERENCE_M_S, 0.0), DRAWS_AT_ONE, SEED)
+    return float(ends[0, 0]), float(ends[1, 0])
+
+
+def _base_and_ends(description: ModelDescription, drive: Drive, draws: int, seed: int) -> tuple[Array, Array]:
+    """Friction of the model itself [...] and at both ends of `INTERVAL` [2, ...], all draws solved at once."""
+    if description.is_published:
+        raise ModelError("the equations as printed have no uncertainty to carry", "Use a model of variant 'corrected'")
+    base, numbers = TouchModel(description).answer(drive), uncertain_numbers(description)
+    x = normal_draws(draws, len(numbers) + 1, seed).T.reshape(len(numbers) + 1, draws, *[1] * base.cof.ndim)
+    theory = theory_error(description, drive, base.electrostatic_force_n)
+    gain = np.exp(np.clip(theory * x[-1], -MOST_THEORY_ERROR, MOST_THEORY_ERROR))  # of the pressure per squared volt
+    drawn = varied(description, numbers, x[:-1])
+    drive = replace(drive, voltage_v=drive.voltage_v * np.ones_like(x[-1]))
+    touch = prepare(drawn.values, drawn.dielectric, drawn.effects, drive)
+    circuit = touch.circuit._replace(mean_square_v2=touch.circuit.mean_square_v2 * gain.reshape(-1, 1))
+    p_e, _ = solver.solve(TouchModel(description).table, circuit)
+    found = cof(description.friction_law, drawn.values, touch, p_e, drive.normal_force_n)
+    found = np.where(np.isnan(found), np.inf, found)
+    return base.cof, np.quantile(found, INTERVAL, axis=0, method="inverted_cdf")
 
 
 def provenance(description: ModelDescription) -> dict[str, Any]:
@@ -190,24 +208,17 @@ def theory_error(description: ModelDescription, drive: Drive, force_n: Array) ->
     return std.reshape(force_n.shape)
 
 
-def _cof_of(description: ModelDescription, table: GapTable, drive: Drive, gain: Array) -> Array:
-    """Friction with `gain` times the pressure per squared volt, both [f, v, n]."""
-    p = description.values
-    touch = prepare(p, description.dielectric, description.effects, drive)
-    circuit = touch.circuit._replace(mean_square_v2=touch.circuit.mean_square_v2 * gain.reshape(-1, 1))
-    p_e, _ = solver.solve(table, circuit)
-    return cof(description.friction_law, p, touch, p_e * p.contact_area_m2, drive.normal_force_n)
-
-
 def _thinned(values: Array, most: int) -> Array:
     """At most `most` of the values, both ends among them."""
     kept = np.unique(np.round(np.linspace(0, values.size - 1, min(most, values.size))).astype(int))
     return np.asarray(values[kept])
 
 
-def _interpolated(nodes: tuple[Array, ...], ratio: Array, points: Array) -> Array:
-    """At `points` [..., 3], linear in the logarithm; infinite wherever a node around is, or has no answer."""
+def _interpolated(ratio: Array, by_frequency: Array, by_voltage: Array) -> Array:
+    """`ratio` [f, v, n] by weights [m, f], [k, v]: [m, k, n], linear in the logarithm; infinite where a used one is."""
+
+    def at(values: Array) -> Array:
+        return np.asarray(np.einsum("mf,kv,fvn->mkn", by_frequency, by_voltage, values, optimize=True))
+
     known = np.isfinite(ratio)
-    log_ratio = RegularGridInterpolator(nodes, np.log(np.where(known, ratio, 1.0)))(points)
-    unknown = RegularGridInterpolator(nodes, (~known).astype(float))(points)
-    return np.where(unknown > 0.0, np.inf, np.exp(log_ratio))
+    return np.where(at(1.0 - known) > 0.0, np.inf, np.exp(at(np.log(np.where(known, ratio, 1.0)))))

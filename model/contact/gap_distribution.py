@@ -18,14 +18,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.special import erf, exp1
 
+from model.contact.resolution import LOGISTIC_END, S_NODES, X_NEGLIGIBLE, ZETA_MINUS_ONE_LOW
 from model.contact.roughness import SelfAffineShape
 from model.support.arrays import Array
 
-ZETA_MINUS_ONE_LOW = 1e-14
-LOGISTIC_END = 24.0  # of the magnification's logistic variable: zeta1 - zeta is e^-24 of zeta1 there
 ZETA_STEP = 0.1  # of the logistic variable; halving it moves no gap integral by more than 1e-6
-X_NEGLIGIBLE = 6.5  # exp(-x^2) < 1e-18 beyond
-S_NODES = 64
 
 
 @dataclass(frozen=True)
@@ -52,8 +49,7 @@ class GapDistribution:
 
 def area_ratio(shape: SelfAffineShape, p_hat: Array | float) -> Array:
     """A_real/A0 of (42) at full magnification."""
-    m1 = shape.moment3(np.asarray(shape.zeta1))
-    return np.asarray(erf(np.asarray(p_hat) / np.sqrt(shape.hurst * m1)))
+    return np.asarray(erf(np.asarray(p_hat) / shape.full_contact))
 
 
 def gap_distribution(shape: SelfAffineShape, p_hat: float, step: float = ZETA_STEP) -> GapDistribution:
@@ -90,7 +86,7 @@ def _magnifications(shape: SelfAffineShape, step: float) -> tuple[Array, Array, 
 
 def mean_gap(shape: SelfAffineShape, p_hat: float) -> float:
     """Mean separation of the whole contact: (45) at zeta = 1, where nothing has left contact yet."""
-    if shape.hurst * float(shape.moment3(np.asarray(shape.zeta1))) <= (p_hat / X_NEGLIGIBLE) ** 2:
+    if shape.full_contact <= p_hat / X_NEGLIGIBLE:
         return 0.0  # pressed flat
     return float(_SeparationRule.at(shape, np.ones(1), np.array([p_hat])).mean()[0])
 

@@ -11,13 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from model.contact.resolution import ANGLE_AXIS, LOG_P_AXIS, LOG_U_AXIS, LOG_Z_AXIS
 from model.support.arrays import Array
 from model.support.compiled import kernel, kernel_of_sums
-
-LOG_P_AXIS = (np.log(1e-6), np.log(10.0), 85)
-LOG_Z_AXIS = (np.log(1e-7), np.log(1e3), 121)
-ANGLE_AXIS = (0.0, math.pi / 2.0, 15)
-LOG_U_AXIS = (np.log(1e-13), np.log(60.0), 0.1)  # gaps, in units of h_rms
 
 NARROW = 1e-4  # of the stack's length: in narrower gaps the field is that of none
 

@@ -24,14 +24,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from model.contact import gap_distribution
-from model.contact.gap_integrals import ANGLE_AXIS, LOG_P_AXIS, LOG_U_AXIS, LOG_Z_AXIS, TableArrays
+from model.contact import resolution
+from model.contact.gap_integrals import TableArrays
+from model.contact.resolution import ANGLE_AXIS, LOG_P_AXIS, LOG_U_AXIS, LOG_Z_AXIS, MAGNIFICATION_STEP
 from model.contact.roughness import SelfAffineShape
 from model.support.arrays import Array
 from model.support.cache import cache_dir
-
-FORMAT = 2  # of the cached file and of the quadrature behind it: raise it when either changes
-MAGNIFICATION_STEP = 0.2  # against 0.05: 3e-8 in every integral
 
 
 @dataclass(frozen=True)
@@ -88,8 +86,10 @@ def gap_nodes() -> Array:
 
 def gap_mass(shape: SelfAffineShape, p_hat: float, magnification_step: float = MAGNIFICATION_STEP) -> Array:
     """P(u) du [n_u] under one pressure: weights of the trapezoid rule in log u."""
+    from model.contact.gap_distribution import gap_distribution  # noqa: PLC0415 - scipy is slow to import, tables are kept
+
     u = gap_nodes()
-    return gap_distribution.gap_distribution(shape, p_hat, magnification_step).density(u) * u * LOG_U_AXIS[2]
+    return gap_distribution(shape, p_hat, magnification_step).density(u) * u * LOG_U_AXIS[2]
 
 
 def gap_integrals(
@@ -126,12 +126,8 @@ def axis(spec: tuple[float, float, int]) -> Array:
 
 
 def _key(shape: SelfAffineShape) -> str:
-    grid = [
-        FORMAT, LOG_P_AXIS, LOG_Z_AXIS, ANGLE_AXIS, LOG_U_AXIS, MAGNIFICATION_STEP,
-        gap_distribution.ZETA_MINUS_ONE_LOW, gap_distribution.LOGISTIC_END, gap_distribution.X_NEGLIGIBLE,
-        gap_distribution.S_NODES,
-    ]  # fmt: skip
-    text = json.dumps([asdict(shape), grid], sort_keys=True)
+    rules = {name: value for name, value in vars(resolution).items() if name.isupper()}
+    text = json.dumps([asdict(shape), rules], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -8,10 +8,9 @@ q1/q0 and gamma differ by these scales alone.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi, sqrt
+from math import exp, lgamma, pi, sqrt
 
 import numpy as np
-from scipy.special import gamma as gamma_function
 
 from model.support.arrays import Array, Values
 
@@ -26,6 +25,11 @@ class SelfAffineShape:
     hurst: float
     zeta1: float
     gamma: float
+
+    @property
+    def full_contact(self) -> float:
+        """The pressure at which the contact is nearly complete: A_real/A0 of (42) is the erf of p_hat over it."""
+        return sqrt(self.hurst * float(self.moment3(np.asarray(self.zeta1))))
 
     def moment3(self, zeta: Array) -> Array:
         """Integral of x^(1-2H) from 1 to zeta: int q^3 C dq of (43) in units of (H/pi) (h_rms q0)^2."""
@@ -42,4 +46,4 @@ def contact_length_m(hurst: float, h_rms_m: Values, q0_per_m: float, q1_per_m: f
 def r_of_hurst(hurst: float) -> float:
     """r(H) of (40) with exponent -1/[2(1-H)] (the literal reading diverges)."""
     s = hurst / (2.0 * (1.0 - hurst))
-    return float(s * gamma_function(0.5) * gamma_function(s) / gamma_function(s + 0.5))
+    return s * sqrt(pi) * exp(lgamma(s) - lgamma(s + 0.5))

@@ -11,9 +11,9 @@ one.
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
 
 from model.support.arrays import Array, Values
+from model.support.interpolation import linear_weights
 
 PRESSURE_PA = (5e3, 20e3, 100e3)
 GAP_LENGTH_M = (0.3e-6, 1e-6, 5e-6)
@@ -41,9 +41,6 @@ def theory_log_std(
     """
     p = np.asarray(pressure_pa, dtype=np.float64) * PRESSURE_SCALE_PA / pressure_scale_pa
     length = np.asarray(gap_length_m, dtype=np.float64) * LENGTH_SCALE_M / length_scale_m
-    p, length = np.broadcast_arrays(p, length)
-    at = np.stack(
-        [np.log(np.clip(x, nodes[0], nodes[-1])) for x, nodes in ((p, PRESSURE_PA), (length, GAP_LENGTH_M))], axis=-1
-    )
-    table = RegularGridInterpolator((np.log(PRESSURE_PA), np.log(GAP_LENGTH_M)), np.array(LOG_STD))
-    return np.asarray(table(at)).reshape(p.shape)
+    by_pressure = linear_weights(np.log(PRESSURE_PA), np.log(p))
+    by_length = linear_weights(np.log(GAP_LENGTH_M), np.log(length))
+    return np.asarray(np.einsum("...p,...l,pl", by_pressure, by_length, np.array(LOG_STD)))

@@ -102,10 +102,9 @@ class Predictor:
     def _solve(self, parameters: TouchParameters, effects: list[Effect], count: int) -> Array:
         touch = prepare(parameters, self.description.dielectric, (*self.description.effects, *effects), self._drive)
         p_e, _ = solver.solve(self._table, touch.circuit)
-        force_n = p_e * parameters.contact_area_m2
         law, load_n = self.description.friction_law, self._drive.normal_force_n
         with np.errstate(invalid="ignore", divide="ignore"):
-            log_cof = np.log(cof(law, parameters, touch, force_n, load_n))
+            log_cof = np.log(cof(law, parameters, touch, p_e, load_n))
         return np.broadcast_to(log_cof, (count, log_cof.shape[-1]))[:, self._row]
 
     def decode(self, kinds: Sequence[type[Effect]], vectors: Array) -> tuple[TouchParameters, list[Effect]]:

@@ -6,9 +6,10 @@ everywhere, where only insulator and skin limit it.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from model.contact.gap_distribution import area_ratio
 from model.contact.gap_integrals import TableArrays, l_hat
 from model.contact.gap_table import GapTable
 from model.electric.circuit import GapCircuit, divider
@@ -22,11 +23,11 @@ def sliding_admittance_per_m(table: GapTable, circuit: GapCircuit, total_pressur
 
     With z = k_g h/a: (beta/a)(1 - A_real/A0) + (k_g/a^2) L(p, z), beta = alpha/(j w eps0).
     """
-    apart = 1.0 - area_ratio(table.shape, total_pressure_pa / circuit.pressure_scale_pa)
+    full_hat = table.shape.full_contact
     result = np.empty(circuit.h_m.shape, dtype=np.complex128)
 
     def work(which: slice) -> None:
-        _admittance(table.arrays, circuit.rows(which), total_pressure_pa[which], apart[which], result[which])
+        _admittance(table.arrays, circuit.rows(which), total_pressure_pa[which], full_hat, result[which])
 
     in_slices(work, total_pressure_pa.size)
     return result
@@ -44,12 +45,15 @@ def current_rms_a(admittance_per_m: ComplexArray, omega: Array, rms_v: Array, ar
 
 
 @kernel
-def _admittance(table: TableArrays, circuit: GapCircuit, pressure: Array, apart: Array, result: ComplexArray) -> None:
+def _admittance(
+    table: TableArrays, circuit: GapCircuit, pressure: Array, full_hat: float, result: ComplexArray
+) -> None:
     for i in range(pressure.size):
         p_hat, h_rms = pressure[i] / circuit.pressure_scale_pa[i], circuit.length_scale_m[i]
+        apart = math.erfc(p_hat / full_hat)  # share of the area, (42)
         for c in range(circuit.h_m.shape[1]):
             result[i, c] = complex(np.nan, np.nan)
             if np.isfinite(pressure[i]):
                 beta, per_a, z = divider(circuit, i, c, pressure[i])
                 inverse_gap = l_hat(table, p_hat, z / h_rms) / h_rms
-                result[i, c] = per_a * (beta * apart[i] + circuit.k_gap[i, c] * per_a * inverse_gap)
+                result[i, c] = per_a * (beta * apart + circuit.k_gap[i, c] * per_a * inverse_gap)

@@ -202,7 +202,7 @@ def test_an_answer_that_is_no_daemons_is_an_error_and_no_traceback(stranger):
 
 @pytest.mark.parametrize(
     ("asked", "is_path"),
-    [("linen", False), ("linen.toml", True), ("deep/linen", True), ("none.toml", False)],
+    [("linen", False), ("größe", False), ("linen.toml", True), ("deep/linen", True), ("none.toml", False)],
 )
 def test_a_path_is_sent_whole_and_a_name_as_it_is(stranger, tmp_path, monkeypatch, asked, is_path):
     """A file that happens to have the name of a texture once took its place."""

@@ -314,7 +314,8 @@ def test_a_forbidden_force_forbids_the_forces_up_to_its_neighbours(make_file):
 
 
 def test_the_sliding_current_counts_too(make_file):
-    current = np.broadcast_to(1e-5 * VOLTAGE[:, None], SHAPE).copy()
+    just_allowed = 1e-5 * (1.0 - 1e-12)  # A/V; between normal forces it is interpolated, with rounding
+    current = np.broadcast_to(just_allowed * VOLTAGE[:, None], SHAPE).copy()
     stuck = np.broadcast_to(1e-7 * VOLTAGE, SHAPE[:2]).copy()
     file = make_file(FREQUENCY, FORCE, VOLTAGE, current_rms_a=current, stuck_current_rms_a=stuck)
     public = OperatingLimits(voltage_v=1e3, frequency_low_hz=1.0, frequency_high_hz=1e6)

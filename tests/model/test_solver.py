@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.contact.gap_integrals import LOG_P_AXIS
 from model.contact.gap_table import GapTable, axis, gap_integrals, gap_nodes
+from model.contact.resolution import LOG_P_AXIS
 from model.contact.roughness import SelfAffineShape
 from model.electric.circuit import GapCircuit
 from model.electric.dielectrics import EPS0

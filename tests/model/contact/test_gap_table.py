@@ -6,11 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.contact import gap_distribution
 from model.contact import gap_table as module
+from model.contact import resolution
 from model.contact.gap_distribution import area_ratio
-from model.contact.gap_integrals import LOG_P_AXIS, k_hat, l_hat
+from model.contact.gap_integrals import k_hat, l_hat
 from model.contact.gap_table import GapTable, gap_integrals, gap_table
+from model.contact.resolution import LOG_P_AXIS
 from model.contact.roughness import SelfAffineShape
 
 FINGERS = ("reference", "table1")
@@ -274,19 +275,11 @@ class TestCache:
         ]
         hashes = [GapTable(s, np.zeros(NODES), np.zeros(3)).content_hash for s in shapes]
         assert GapTable(SelfAffineShape(0.8, 1e4, 0.45), np.ones(1), np.ones(1)).content_hash == hashes[0]
-        for constant, value in (
-            ("FORMAT", -1),
-            ("MAGNIFICATION_STEP", 0.1),
-            ("LOG_P_AXIS", (0.0, 1.0, 85)),
-            ("LOG_U_AXIS", (0.0, 1.0, 0.1)),
-        ):
+        for rule in (name for name in vars(resolution) if name.isupper()):
             with monkeypatch.context() as patch:
-                patch.setattr(module, constant, value)
+                patch.setattr(resolution, rule, -1)
                 hashes.append(GapTable(SHAPE, np.zeros(NODES), np.zeros(3)).content_hash)
-        for constant in ("ZETA_MINUS_ONE_LOW", "LOGISTIC_END", "X_NEGLIGIBLE", "S_NODES"):
-            with monkeypatch.context() as patch:
-                patch.setattr(gap_distribution, constant, -1)
-                hashes.append(GapTable(SHAPE, np.zeros(NODES), np.zeros(3)).content_hash)
+        assert len(hashes) == len(shapes) + 10
         assert len(set(hashes)) == len(hashes)
 
     def test_environment_names_the_folder(self, tmp_path, builds, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -152,7 +152,7 @@ def found(models) -> Callable[..., tuple]:
         drive = conditions.drive()
         touch = prepare(d.values, d.dielectric, effects, drive)
         p_e, _ = solver.solve(table, touch.circuit)
-        friction = cof(d.friction_law, d.values, touch, p_e * d.values.contact_area_m2, drive.normal_force_n)
+        friction = cof(d.friction_law, d.values, touch, p_e, drive.normal_force_n)
         total = touch.circuit.load_pa + p_e + touch.circuit.added_pa
         admittance = np.abs(sliding_admittance_per_m(table, touch.circuit, total) * touch.omega).sum(axis=1)
         return p_e.reshape(touch.shape), friction, admittance.reshape(touch.shape)

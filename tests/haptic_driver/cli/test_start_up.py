@@ -1,0 +1,77 @@
+"""A command imports what it needs and no more: nobody waits for matplotlib to learn whether an output is on."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import import_module
+
+import pytest
+
+from haptic_driver.cli.main import COMMANDS, SUMMARIES
+
+# By what they are for; each takes from a tenth of a second to one to import.
+NUMBERS = {"numpy", "numba", "scipy.linalg", "scipy.special", "scipy.interpolate", "scipy.stats", "h5py"}
+PICTURES = {"matplotlib", "PIL"}
+DEVICES = {"pyvisa", "serial", "usb", "hw.transport", "hw.simulated"}
+WEB = {"fastapi", "starlette", "uvicorn", "httpx", "websockets", "asyncio"}
+EVERYTHING = NUMBERS | PICTURES | DEVICES | WEB
+COMPILING = ["predict", "surface", "solve", "demo", "measure", "diagnose", "calibrate", "sensitivity", "explore"]
+
+
+def imported(*arguments: str) -> set[str]:
+    """What one command that succeeds has imported at its end."""
+    code = "import sys; from haptic_driver.cli.main import main; status = main(sys.argv[1:])\n"
+    code += "print(*sys.modules, file=sys.stderr); sys.exit(status)"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, timeout=120, check=True
+    )
+    return set(done.stderr.split())
+
+
+@pytest.mark.parametrize("command", [["--help"], ["--version"]], ids=" ".join)
+def test_help_imports_no_command(command):
+    found = imported(*command)
+    assert not found & EVERYTHING
+    assert not {name for name in found if name.startswith("haptic_driver.cli.")} - {
+        "haptic_driver.cli.main",
+        "haptic_driver.cli.output",
+    }
+
+
+@pytest.mark.usefixtures("socket")
+@pytest.mark.parametrize("command", [["status"], ["status", "--json"], ["off"], ["disarm"]], ids=" ".join)
+def test_what_asks_the_daemon_imports_no_numbers(command):
+    assert not imported(*command) & EVERYTHING
+
+
+def test_textures_are_listed_without_the_solver():
+    assert not imported("texture", "list") & (EVERYTHING - {"numpy", "PIL"})
+
+
+def test_a_point_is_solved_without_scipy_and_pictures():
+    found = imported("solve", "--friction", "0.6")
+    assert "numba" in found
+    assert not found & (EVERYTHING - {"numpy", "numba", "scipy.linalg"})  # numba imports the last with its first kernel
+
+
+def test_the_summaries_are_the_first_lines_of_the_commands_own_words():
+    assert list(SUMMARIES) == list(COMMANDS)
+    for name, place in COMMANDS.items():
+        module_name, _, function = place.partition(".")
+        module = import_module(f"haptic_driver.cli.{module_name}")
+        words = getattr(module, function).__doc__ if function else module.app.info.help
+        assert SUMMARIES[name] == words.splitlines()[0], name
+
+
+def test_a_command_behind_two_dashes_is_imported_and_run(haptic):
+    done = haptic("--", "texture", "list", "--json")
+    assert done.status == 0
+    assert done.said["textures"]
+
+
+@pytest.mark.parametrize("name", COMPILING)
+def test_numba_is_there_before_a_command_that_compiles_runs(name):
+    """`compiling` looks for it then; a command that imports it later has to enter `compiling` by itself."""
+    code = f"import sys, haptic_driver.cli.{COMMANDS[name].partition('.')[0]}; sys.exit('numba' not in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], timeout=120, check=True)
