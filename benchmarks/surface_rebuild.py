@@ -85,7 +85,7 @@ def run() -> Iterator[Claim]:
     rebuilt, effects, predict = warm["changed"], warm["effects"], warm["predict"]
     yield Claim("surface 200 x 128 x 5 rebuilt after a change", _ms(rebuilt), "under 20 ms", rebuilt < REBUILD_S)
     for name, s in effects.items():
-        yield Claim(f"the same with {name}, the slowest of four strengths", _ms(s), "(information)", True)
+        yield Claim(f"the same with {name}, the slowest of four strengths", _ms(s))
     slow = [name for name, s in effects.items() if s >= REBUILD_S]
     said = f"{len(slow)} of {len(effects)}{': ' if slow else ''}{', '.join(slow)}"
     yield Claim("effects with which it takes 20 ms or longer", said, "none", not slow)
@@ -93,14 +93,14 @@ def run() -> Iterator[Claim]:
     said = f"{_ms(least)} to {_ms(most)}"
     yield Claim("stack and field bent at once, weakly to strongly", said, "under 20 ms", most < REBUILD_S)
     yield Claim("all twenty at once", _ms(warm["all"]), "under 20 ms", warm["all"] < REBUILD_S)
-    yield Claim("made ready for the controller, after that", _ms(warm["ready"]), "(information)", True)
+    yield Claim("made ready for the controller, after that", _ms(warm["ready"]))
     name = max((n for n in predict if n != "all"), key=lambda n: predict[n])
     yield Claim("1000 arbitrary conditions, no effect", _ms(predict["none"]), "under 3 ms", predict["none"] < PREDICT_S)
     yield Claim(
         f"the same with one effect, the slowest ({name})", _ms(predict[name]), "under 3 ms", predict[name] < PREDICT_S
     )
     yield Claim("the same with all effects at once", _ms(predict["all"]), "under 3 ms", predict["all"] < PREDICT_S)
-    yield Claim("first surface of an installation: compiling", f"{compiling:.1f} s", "(information)", True)
+    yield Claim("first surface of an installation: compiling", f"{compiling:.1f} s")
 
 
 def _measure(environment: dict[str, str]) -> dict[str, object]:

@@ -49,6 +49,9 @@ LONGEST_STEP_S = 0.010  # no reading teaches more than so much time would
 RATE_TIME_CONSTANT_S = 0.5
 PATIENCE_S = 1.0  # without a reading for so long there is no feedback to be careful for
 SOME_FREQUENCY_HZ = 1e3  # for a look-up at zero voltage, where it does not matter
+NO_COMMANDS = np.full((COMMANDS_KEPT, 3), nan)
+
+Forces = tuple[float, float]  # h of the law: lateral ones by the surface alone, without voltage and by attraction
 
 
 class FeedbackSettings(NamedTuple):
@@ -78,7 +81,7 @@ class FeedbackSettings(NamedTuple):
 
 
 class Gains(NamedTuple):
-    """Of friction without voltage and of the rise by attraction, with their covariance."""
+    """cof = `off` x friction without voltage + `rise` x rise by attraction: x of the law; and P, their covariance."""
 
     off: float = 1.0
     rise: float = 1.0
@@ -87,21 +90,14 @@ class Gains(NamedTuple):
     rise_variance: float = 0.0
 
 
-class Forces(NamedTuple):
-    """Lateral forces by the surface alone, without voltage and by attraction: h of the law. NaN where unknown."""
-
-    off_n: float = nan
-    rise_n: float = nan
-
-
 class Estimate(NamedTuple):
     """What is known of the finger; by default that it is the one that the surface was made for.
 
-    `gain` is what its gains make of the friction at the present drive, `gain_rate_per_s` its drift, smoothed.
+    `gain` is what both gains make of the friction at the present drive, `gain_rate_per_s` its drift, smoothed.
     `learning`: the last sample taught something; `at_limit`: a gain stands at its bound; `cautious`: a force was
-    measured lately, so that the gains' covariance counts. `expected` is lagged as friction lags. `time_s` and
-    `normal_force_n` are the last sample's, `reading_time_s` and `lateral_force_n` the last new reading's; `slid_m` is
-    the way of this stroke.
+    measured lately, so that the covariance counts. `expected_off_n` and `expected_rise_n`: lateral force by the surface
+    alone, lagged as friction lags; NaN without contact. `time_s` and `normal_force_n` are the last sample's,
+    `reading_time_s` and `lateral_force_n` the last new reading's; `slid_m` is the way of this stroke.
     """
 
     gains: Gains = Gains()
@@ -110,7 +106,8 @@ class Estimate(NamedTuple):
     learning: bool = False
     at_limit: bool = False
     cautious: bool = False
-    expected: Forces = Forces()
+    expected_off_n: float = nan
+    expected_rise_n: float = nan
     time_s: float = nan
     reading_time_s: float = -inf
     normal_force_n: float = nan
@@ -126,9 +123,6 @@ class InForce(NamedTuple):
     least_v: float
     most_v: float
     steady: bool
-
-
-NO_COMMANDS = np.full((COMMANDS_KEPT, 3), nan)
 
 
 def checked(law: FeedbackSettings) -> FeedbackSettings:
@@ -177,13 +171,13 @@ def learnt(
         return forgotten(law, known, gains, elapsed_s, finger.time_s)
     felt, spread_n = by_surface(surface, correction, then, finger)
     speed_m_s = np.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
-    h = lagged(law, known.expected, felt, speed_m_s * elapsed_s)
+    h = off_n, rise_n = lagged(law, known, felt, speed_m_s * elapsed_s)
     slid_m = known.slid_m + speed_m_s * elapsed_s if speed_m_s >= law.slowest_m_s else 0.0
     repeated = finger.lateral_force_n == known.lateral_force_n and finger.normal_force_n == known.normal_force_n
     new = bool(np.isfinite(finger.lateral_force_n) and not repeated)
     reading_s = finger.time_s if new else known.reading_time_s
     lateral_n = finger.lateral_force_n if new else known.lateral_force_n
-    _, variance = spread(gains, h)
+    _, _, variance = spread(gains, h)
     pace = variance / (variance + (RAMP * gains.rise * spread_n) ** 2) if then.steady else 0.0
     learning = new and slid_m >= law.settled_m and pace >= LEAST_PACE
     gain, rate, at_limit = known.gain, known.gain_rate_per_s, known.at_limit
@@ -191,28 +185,30 @@ def learnt(
         since_s = finger.time_s - known.reading_time_s
         worth_s = pace * min(since_s if since_s >= 0.0 else elapsed_s, LONGEST_STEP_S)
         gains, at_limit = taught(law, gains, h, finger.lateral_force_n, worth_s)
-        gain = (gains.off * h.off_n + gains.rise * h.rise_n) / (h.off_n + h.rise_n)
+        gain = (gains.off * off_n + gains.rise * rise_n) / (off_n + rise_n)
         if elapsed_s > 0.0:
             rate += -np.expm1(-elapsed_s / RATE_TIME_CONSTANT_S) * ((gain - known.gain) / elapsed_s - rate)
-    time_s, normal_n, cautious = finger.time_s, finger.normal_force_n, finger.time_s - reading_s < PATIENCE_S
-    return Estimate(gains, gain, rate, learning, at_limit, cautious, h, time_s, reading_s, normal_n, lateral_n, slid_m)
+    time_s, load_n, cautious = finger.time_s, finger.normal_force_n, finger.time_s - reading_s < PATIENCE_S
+    return Estimate(
+        gains, gain, rate, learning, at_limit, cautious, off_n, rise_n, time_s, reading_s, load_n, lateral_n, slid_m
+    )
 
 
 @kernel
 def taught(law: FeedbackSettings, gains: Gains, h: Forces, lateral_n: float, worth_s: float) -> tuple[Gains, bool]:
     """The gains after one reading that is worth so much time, and whether one of them stands at its bound."""
-    ph, hph = spread(gains, h)
-    expected_n = gains.off * h.off_n + gains.rise * h.rise_n
+    (off_n, rise_n), (ph_off, ph_rise, hph) = h, spread(gains, h)
+    expected_n = gains.off * off_n + gains.rise * rise_n
     share = -np.expm1(-worth_s / time_constant_s(law, np.sqrt(hph) / expected_n))
     bound_n = LARGEST_SURPRISE * expected_n
     step = share * min(max(abs(lateral_n) - expected_n, -bound_n), bound_n) / hph
-    off, rise = gains.off + step * ph.off_n, gains.rise + step * ph.rise_n
+    off, rise = gains.off + step * ph_off, gains.rise + step * ph_rise
     bounded_off = min(max(off, law.lowest_gain), law.highest_gain)
     bounded_rise = min(max(rise, law.lowest_gain), law.highest_gain)
     _, _, p, q, r = drawn(gains, any_finger(law), -np.expm1(-worth_s / law.memory_s))
-    p -= share * ph.off_n * ph.off_n / hph
-    q -= share * ph.off_n * ph.rise_n / hph
-    r -= share * ph.rise_n * ph.rise_n / hph
+    p -= share * ph_off * ph_off / hph
+    q -= share * ph_off * ph_rise / hph
+    r -= share * ph_rise * ph_rise / hph
     return Gains(bounded_off, bounded_rise, p, q, r), bounded_off != off or bounded_rise != rise
 
 
@@ -224,11 +220,12 @@ def time_constant_s(law: FeedbackSettings, deviation: float) -> float:
 
 
 @kernel
-def spread(gains: Gains, h: Forces) -> tuple[Forces, float]:
+def spread(gains: Gains, h: Forces) -> tuple[float, float, float]:
     """P h, and h.P h: the variance of the force expected."""
-    off_n = gains.off_variance * h.off_n + gains.covariance * h.rise_n
-    rise_n = gains.covariance * h.off_n + gains.rise_variance * h.rise_n
-    return Forces(off_n, rise_n), h.off_n * off_n + h.rise_n * rise_n
+    off_n, rise_n = h
+    ph_off = gains.off_variance * off_n + gains.covariance * rise_n
+    ph_rise = gains.covariance * off_n + gains.rise_variance * rise_n
+    return ph_off, ph_rise, off_n * ph_off + rise_n * ph_rise
 
 
 @kernel
@@ -255,9 +252,9 @@ def forgotten(law: FeedbackSettings, known: Estimate, gains: Gains, elapsed_s: f
     """Without contact what is known goes back to what is known of any finger: the next may be another's."""
     share = -np.expm1(-elapsed_s / law.memory_s)
     faded, gain = drawn(gains, any_finger(law), share), between(known.gain, 1.0, share)
-    last_s, nothing = (time_s if np.isfinite(time_s) else known.time_s), Forces(np.nan, np.nan)
-    reading_time_s, cautious = known.reading_time_s, time_s - known.reading_time_s < PATIENCE_S
-    return Estimate(faded, gain, 0.0, False, False, cautious, nothing, last_s, reading_time_s, np.nan, np.nan, 0.0)
+    last_s, reading_s = time_s if np.isfinite(time_s) else known.time_s, known.reading_time_s
+    cautious = time_s - reading_s < PATIENCE_S
+    return Estimate(faded, gain, 0.0, False, False, cautious, nan, nan, last_s, reading_s, nan, nan, 0.0)
 
 
 @kernel
@@ -270,19 +267,20 @@ def by_surface(surface: Surface, correction: Correction, then: InForce, finger: 
     rise = at_voltage(surface, surface.cof, place, then.voltage_v) - low
     most = at_voltage(surface, surface.cof, place, then.most_v)
     least = at_voltage(surface, surface.cof, place, then.least_v)
-    return Forces(off_n, per_rise_n * rise), per_rise_n * (most - least)
+    return (off_n, per_rise_n * rise), per_rise_n * (most - least)
 
 
 @kernel
-def lagged(law: FeedbackSettings, before: Forces, felt: Forces, way_m: float) -> Forces:
+def lagged(law: FeedbackSettings, known: Estimate, felt: Forces, way_m: float) -> Forces:
     """Friction follows voltage with a first-order lag of the way; at the touch there is no attraction yet."""
-    if np.isnan(before.off_n):
-        return Forces(felt.off_n, 0.0)
+    off_n, rise_n = felt
+    if np.isnan(known.expected_off_n):
+        return off_n, 0.0
     share = -np.expm1(-2.0 * np.pi * law.cutoff_hz_per_m_s * way_m)
-    rise_n = between(before.rise_n, felt.rise_n, share)
+    rise_n = between(known.expected_rise_n, rise_n, share)
     if rise_n < LEAST_FORCE_N:  # what decays for ever would get too small to be computed fast
         rise_n = 0.0
-    return Forces(between(before.off_n, felt.off_n, share), rise_n)
+    return between(known.expected_off_n, off_n, share), rise_n
 
 
 @kernel

@@ -79,8 +79,7 @@ def gate_envelope(
         outside = np.flatnonzero(~((voltage_v >= 0.0) & (voltage_v <= peak.voltage_v)))  # NaN is
         if not outside.size:
             return state, False
-        first = outside[0]
-        reason = f"point {first} of the envelope, {voltage_v[first]:g} V, is outside 0..{peak.voltage_v:g} V"
+        reason = f"point {outside[0]} of the envelope, {voltage_v[outside[0]]:g} V, is outside 0..{peak.voltage_v:g} V"
     return SafetyState(state.rejections + 1, reason), True
 
 
