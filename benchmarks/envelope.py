@@ -54,9 +54,9 @@ def run() -> Iterator[Claim]:
     each_s = seconds(lambda: [from_texture() for _ in range(TICKS)]) / TICKS
     assert samples_v.max() > 0.0
     yield Claim(
-        "the same with texture and last gate",
+        "the same envelope with texture and last gate",
         f"{TICK_S / each_s:.0f} x real time ({1e6 * each_s:.1f} us per ms)",
-    )  # fmt: skip
+    )
     long = np.full(TICKS * COURSE_POINTS + 1, 50.0)
     out = np.empty(TICKS * samples_v.size)
     ratio = TICKS * TICK_S / seconds(lambda: envelope.synthesise(long, out))

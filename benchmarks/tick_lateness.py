@@ -58,7 +58,7 @@ def run() -> Iterator[Claim]:
                 assert page is not None
                 lease = daemon.arm(60.0)
                 daemon.set_target(lease.token, 0.65)
-                yield from _compute("a tick in the daemon", _watched(daemon, lease.token, UNLOADED_S))
+                yield from _compute("a whole tick in the daemon", _watched(daemon, lease.token, UNLOADED_S))
                 yield from _lateness(daemon, lease.token, empty, place.path, page)
                 yield from _set_to_output(daemon, lease.token, record)
                 daemon.off()
@@ -85,14 +85,18 @@ def _compute(what: str, samples: np.ndarray) -> Iterator[Claim]:
     """From the instant when a tick began until its sample was written, of the ticks that put voltage out."""
     took_s = samples["compute_s"][samples["output_on"] == 1]
     for q, share in ((50.0, TAKES), (99.0, TAKES_RARELY)):
-        yield _share_of_period(
-            f"{what}, shared memory read to output written, {q:g} %", np.percentile(took_s, q), share
-        )
+        yield _share_of_period(f"{what}, {_name(q)}", float(np.percentile(took_s, q)), share)
 
 
 def _share_of_period(what: str, found_s: float, share: float) -> Claim:
-    wanted = f"at most {1e6 * share * PERIOD_S:.0f} us, 1/{1 / share:.0f} of a period"
-    return Claim(what, f"{1e6 * found_s:.3g} us", wanted, bool(found_s <= share * PERIOD_S))
+    described = f"{what} (1/{1.0 / share:.0f} of a period)"
+    return Claim(
+        described, f"{1e6 * found_s:.3g} us", f"at most {1e6 * share * PERIOD_S:.0f} us", found_s <= share * PERIOD_S
+    )
+
+
+def _name(percentile: float) -> str:
+    return "median" if percentile == 50.0 else f"{percentile:g} %"
 
 
 def _lateness(daemon: Daemon, token: str, empty: Path, socket: Path, page: str) -> Iterator[Claim]:
@@ -112,18 +116,19 @@ def _lateness(daemon: Daemon, token: str, empty: Path, socket: Path, page: str) 
     told = json.loads(load.stdout.read())
     load.wait()
     yield from _compute("the same under load", samples)
-    late_s, idle_s = samples["lateness_s"], np.load(empty)
-    ratio = float(np.median(late_s) / np.median(idle_s))
-    yield _share_of_period("tick lateness under load, 99.9 %", np.percentile(late_s, 99.9), LATE)
-    wanted = f"at most {WANTED_RATIO} x"
-    yield Claim(
-        "tick lateness under load, median, against an empty loop", f"{ratio:.2f} x", wanted, ratio <= WANTED_RATIO
-    )
-    asked = f"{told['requests_hz']:.0f} requests/s, {told['refused']} refused; page sent {told['messages']} messages"
     honest = told["requests_hz"] > 0.95 * api_load.RATE_HZ and not told["refused"] and told["messages"] > 0
+    late_s, idle_s = samples["lateness_s"], np.load(empty)
+    late = _share_of_period("tick lateness under load, 99.9 %", float(np.percentile(late_s, 99.9)), LATE)
+    lesser = "" if honest else ", load not reached"  # then nothing is shown
+    yield late._replace(measured=late.measured + lesser, holds=honest and late.holds)
+    ratio = float(np.median(late_s) / np.median(idle_s))
     yield Claim(
-        f"that load, page open in {told['viewer']}", asked, f"{api_load.RATE_HZ:.0f} requests/s, none refused", honest
-    )
+        "tick lateness under load, median, against an empty loop",
+        f"{ratio:.2f} x{lesser}", f"at most {WANTED_RATIO} x", honest and ratio <= WANTED_RATIO,
+    )  # fmt: skip
+    asked = f"{told['requests_hz']:.0f} requests/s, {told['refused']} refused"
+    yield Claim(f"that load, page open in {told['viewer']}", asked, f"{api_load.RATE_HZ:.0f} requests/s", honest)
+    yield Claim("messages to the page meanwhile", str(told["messages"]))
     yield Claim("tick lateness under load, median and 99.9 %", _us(late_s))
     yield Claim("the empty loop's beside it", _us(idle_s))
     granted = "granted" if daemon.status().real_time else "NOT granted"

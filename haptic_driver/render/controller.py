@@ -303,8 +303,9 @@ def along(
     The correction's factors are those of the highest target's drive. A target out of reach gives the nearest reachable
     friction.
     """
-    control, place = held[0], place_of(held[0].surface, frequency_hz, finger.normal_force_n)
+    control = held[0]
     surface, caps, factors = control.surface, control.caps, Factors(1.0, 1.0)
+    place = place_of(surface, frequency_hz, finger.normal_force_n)
     most = invert_at(surface, np.inf, place, caps)
     low, high, largest = most.cof_low, most.cof_high, 0.0
     for m in range(target_cof.size):

@@ -76,8 +76,8 @@ def gate_envelope(
     """
     reason = violation(limits, peak)
     if reason is None:
-        outside = np.flatnonzero(~((voltage_v >= 0.0) & (voltage_v <= peak.voltage_v)))  # NaN is
-        if not outside.size:
+        outside = [i for i, v in enumerate(voltage_v.tolist()) if not 0.0 <= v <= peak.voltage_v]  # NaN is
+        if not outside:
             return state, False
         reason = f"point {outside[0]} of the envelope, {voltage_v[outside[0]]:g} V, is outside 0..{peak.voltage_v:g} V"
     return SafetyState(state.rejections + 1, reason), True
