@@ -30,13 +30,14 @@ def run() -> Iterator[Claim]:
     state = TickState()
     for k in range(100):
         state, done = tick(stages, state, FingerSample(1.0 + TICK_S * k, 0.1 * TICK_S * k, 0.0, 0.5))
+    known = state.controller.estimate
     samples_v = np.empty(round(TICK_S * RATE_HZ))
     powers_v2 = np.zeros(COURSE_POINTS + 1)
 
     cof = 0.7 + 0.1 * np.sin(np.linspace(0.0, 5.0, COURSE_POINTS))
 
     def from_friction() -> None:
-        voltage_v, _ = controller.along(state.controller, cof, done.finger, 250.0)
+        voltage_v, _ = controller.along(known.gains, known.cautious, cof, done.finger, 250.0)
         np.multiply(voltage_v, voltage_v, out=powers_v2[1:])
         envelope.synthesise(powers_v2, samples_v)
 
@@ -53,9 +54,9 @@ def run() -> Iterator[Claim]:
     each_s = seconds(lambda: [from_texture() for _ in range(TICKS)]) / TICKS
     assert samples_v.max() > 0.0
     yield Claim(
-        "the same with texture and last gate",
-        f"{TICK_S / each_s:.0f} x real time ({1e6 * each_s:.1f} us per ms)", "(information)", True,
-    )  # fmt: skip
+        "the same envelope with texture and last gate",
+        f"{TICK_S / each_s:.0f} x real time ({1e6 * each_s:.1f} us per ms)",
+    )
     long = np.full(TICKS * COURSE_POINTS + 1, 50.0)
     out = np.empty(TICKS * samples_v.size)
     ratio = TICKS * TICK_S / seconds(lambda: envelope.synthesise(long, out))

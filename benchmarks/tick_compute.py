@@ -1,4 +1,7 @@
-"""One tick: as compiled, as pure Python, and with scipy's interpolator in place of the inversion, in one run."""
+"""The stages of a tick alone: as compiled, as pure Python, and scipy's interpolator against them, in one run.
+
+What a whole tick in the daemon takes is promised and measured in `tick_lateness`.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +19,8 @@ from benchmarks.claim import Claim
 from haptic_driver.config import load_model, load_rig
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
+from haptic_driver.render.feedback import FeedbackSettings
 from haptic_driver.render.finger import FingerSettings
-from haptic_driver.render.kernels import FeedbackSettings
 from haptic_driver.render.texture import Grating
 from haptic_driver.render.tick import TickSettings, TickState, tick
 from haptic_driver.signals import FingerSample
@@ -25,7 +28,6 @@ from haptic_driver.surface_builder import build_surface
 from haptic_driver.surface_file import SurfaceFile, ready_for_lookup
 
 TICKS, PURE_TICKS, FIRST = 10_000, 300, 100
-WANTED_S = 20e-6
 
 
 def settings() -> tuple[TickSettings, SurfaceFile]:
@@ -73,31 +75,21 @@ def with_scipy_s(file: SurfaceFile) -> float:
 def run() -> Iterator[Claim]:
     stages, file = settings()
     p50, p99 = np.percentile(ticks_s(stages, TICKS), [50, 99])
-    yield Claim(
-        "one tick, with feedback",
-        f"{1e6 * p50:.1f} us p50, {1e6 * p99:.1f} us p99",
-        "p50 under 20 us",
-        bool(p50 < WANTED_S),
-    )
+    yield Claim("the stages of a tick, with feedback", f"{1e6 * p50:.1f} us median, {1e6 * p99:.1f} us at 99 %")
     plain = replace(stages, controller=Controller(replace(stages.controller.settings, feedback=None)))
     p50_plain, p99_plain = np.percentile(ticks_s(plain, TICKS), [50, 99])
-    yield Claim(
-        "one tick, feed-forward alone",
-        f"{1e6 * p50_plain:.1f} us p50, {1e6 * p99_plain:.1f} us p99", "p50 under 20 us", bool(p50_plain < WANTED_S),
-    )  # fmt: skip
+    yield Claim("the same without feedback", f"{1e6 * p50_plain:.1f} us median, {1e6 * p99_plain:.1f} us at 99 %")
     pure = subprocess.run(
         [sys.executable, "-m", "benchmarks.tick_compute"],
         env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=True,
     )  # fmt: skip
     pure_s = float(pure.stdout)
-    yield Claim(
-        "the same tick in pure Python, p50", f"{1e6 * pure_s:.0f} us, {pure_s / p50:.1f} x", "(information)", True
-    )
+    yield Claim("the same stages in pure Python, median", f"{1e6 * pure_s:.0f} us, {pure_s / p50:.1f} x")
     scipy_s = with_scipy_s(file)
     yield Claim(
-        "finding one voltage with RegularGridInterpolator, against the whole tick",
-        f"{1e6 * scipy_s:.0f} us, {scipy_s / p50:.1f} x", "(information)", True,
-    )  # fmt: skip
+        "finding one voltage with RegularGridInterpolator, against all stages",
+        f"{1e6 * scipy_s:.0f} us, {scipy_s / p50:.1f} x",
+    )
 
 
 if __name__ == "__main__":  # in an interpreter without compiled code

@@ -1,5 +1,7 @@
-"""How late ticks are against an empty loop of the same scheduling in the same run, while clients load the daemon; how
-long a tick takes there; and how soon a new target acts."""
+"""How long a tick takes in the daemon and how late it comes, also while clients load it; how soon a new target acts.
+
+An empty loop of the same scheduling runs at the same time and meets the same load.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +25,13 @@ from haptic_driver.daemon.processes import Place
 from haptic_driver.daemon.real_time import SWITCH_INTERVAL_S
 from haptic_driver.daemon.run import PAGE_FOLDER
 from haptic_driver.daemon.server import serve
-from haptic_driver.daemon.set_up import daemon_settings
+from haptic_driver.daemon.set_up import PERIOD_S, daemon_settings
 
 UNLOADED_S, LOADED_S = 10.0, 45.0
 MARGIN_S = 5.0  # by which the load outlasts what is measured
 ROUNDS = 100
-WANTED_RATIO, WANTED_S, WANTED_COMPUTE_S = 1.2, 5e-3, 20e-6
+TAKES, TAKES_RARELY, LATE = 1 / 10, 1 / 4, 1 / 5  # of a period: in the median, at 99 %; and how late, at 99.9 %
+WANTED_RATIO, WANTED_S = 1.2, 5e-3
 EMPTY = """
 import sys
 import numpy as np
@@ -37,7 +40,7 @@ ticks = int(sys.argv[1])
 lateness_s = np.zeros(ticks)
 granted = real_time.enter()
 real_time.settle_memory()
-beat = granted.metronome(0.001)
+beat = granted.metronome(float(sys.argv[3]))
 for i in range(ticks):
     lateness_s[i] = beat.wait().lateness_s
 np.save(sys.argv[2], lateness_s)
@@ -55,7 +58,7 @@ def run() -> Iterator[Claim]:
                 assert page is not None
                 lease = daemon.arm(60.0)
                 daemon.set_target(lease.token, 0.65)
-                yield _compute("a tick in the daemon", _watched(daemon, lease.token, UNLOADED_S), WANTED_COMPUTE_S)
+                yield from _compute("a whole tick in the daemon", _watched(daemon, lease.token, UNLOADED_S))
                 yield from _lateness(daemon, lease.token, empty, place.path, page)
                 yield from _set_to_output(daemon, lease.token, record)
                 daemon.off()
@@ -78,13 +81,22 @@ def _watched(daemon: Daemon, token: str, seconds: float) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def _compute(what: str, samples: np.ndarray, wanted_s: float) -> Claim:
+def _compute(what: str, samples: np.ndarray) -> Iterator[Claim]:
     """From the instant when a tick began until its sample was written, of the ticks that put voltage out."""
-    p50, p99 = np.percentile(samples["compute_s"][samples["output_on"] == 1], [50.0, 99.0])
+    took_s = samples["compute_s"][samples["output_on"] == 1]
+    for q, share in ((50.0, TAKES), (99.0, TAKES_RARELY)):
+        yield _share_of_period(f"{what}, {_name(q)}", float(np.percentile(took_s, q)), share)
+
+
+def _share_of_period(what: str, found_s: float, share: float) -> Claim:
+    described = f"{what} (1/{1.0 / share:.0f} of a period)"
     return Claim(
-        f"{what}: shared memory read, output written", f"{1e6 * p50:.1f} us p50, {1e6 * p99:.1f} us p99",
-        f"p50 under {1e6 * wanted_s:.0f} us", bool(p50 < wanted_s),
-    )  # fmt: skip
+        described, f"{1e6 * found_s:.3g} us", f"at most {1e6 * share * PERIOD_S:.0f} us", found_s <= share * PERIOD_S
+    )
+
+
+def _name(percentile: float) -> str:
+    return "median" if percentile == 50.0 else f"{percentile:g} %"
 
 
 def _lateness(daemon: Daemon, token: str, empty: Path, socket: Path, page: str) -> Iterator[Claim]:
@@ -96,31 +108,35 @@ def _lateness(daemon: Daemon, token: str, empty: Path, socket: Path, page: str) 
     assert load.stdout is not None
     if not load.stdout.readline():
         raise RuntimeError("the load did not begin")
-    process = subprocess.Popen([sys.executable, "-c", EMPTY, str(round(LOADED_S * 1e3)), str(empty)])
+    process = subprocess.Popen(
+        [sys.executable, "-c", EMPTY, str(round(LOADED_S / PERIOD_S)), str(empty), str(PERIOD_S)]
+    )
     samples = _watched(daemon, token, LOADED_S)
     process.wait()
     told = json.loads(load.stdout.read())
     load.wait()
-    yield _compute("the same under load", samples, WANTED_COMPUTE_S)
-    under = (
-        f"{told['requests_hz']:.0f} requests/s ({told['refused']} refused), "
-        f"page open in {told['viewer']} ({told['messages']} messages)"
-    )
+    yield from _compute("the same under load", samples)
     honest = told["requests_hz"] > 0.95 * api_load.RATE_HZ and not told["refused"] and told["messages"] > 0
-    idle = np.load(empty)
-    wanted = f"at most {WANTED_RATIO} times those of an empty loop"
-    for name, q in (("median", 50.0), ("99.9 %", 99.9)):
-        ours_s, its_s = np.percentile(samples["lateness_s"], q), np.percentile(idle, q)
-        described = (
-            f"{ours_s / its_s:.2f} (ticks {_us(samples['lateness_s'])}, empty loop {_us(idle)} us; "
-            f"real time {'granted' if daemon.status().real_time else 'NOT granted'}, {os.cpu_count()} cores; {under})"
-        )
-        holds = bool(honest and ours_s <= WANTED_RATIO * its_s)
-        yield Claim(f"tick lateness at 1 kHz under load, {name}", described, wanted, holds)
+    late_s, idle_s = samples["lateness_s"], np.load(empty)
+    late = _share_of_period("tick lateness under load, 99.9 %", float(np.percentile(late_s, 99.9)), LATE)
+    lesser = "" if honest else ", load not reached"  # then nothing is shown
+    yield late._replace(measured=late.measured + lesser, holds=honest and late.holds)
+    ratio = float(np.median(late_s) / np.median(idle_s))
+    yield Claim(
+        "tick lateness under load, median, against an empty loop",
+        f"{ratio:.2f} x{lesser}", f"at most {WANTED_RATIO} x", honest and ratio <= WANTED_RATIO,
+    )  # fmt: skip
+    asked = f"{told['requests_hz']:.0f} requests/s, {told['refused']} refused"
+    yield Claim(f"that load, page open in {told['viewer']}", asked, f"{api_load.RATE_HZ:.0f} requests/s", honest)
+    yield Claim("messages to the page meanwhile", str(told["messages"]))
+    yield Claim("tick lateness under load, median and 99.9 %", _us(late_s))
+    yield Claim("the empty loop's beside it", _us(idle_s))
+    granted = "granted" if daemon.status().real_time else "NOT granted"
+    yield Claim("real-time scheduling", f"{granted}, {os.cpu_count()} cores")
 
 
 def _us(lateness_s: np.ndarray) -> str:
-    return "/".join(f"{1e6 * np.percentile(lateness_s, q):.3g}" for q in (50.0, 99.9))
+    return " and ".join(f"{1e6 * np.percentile(lateness_s, q):.3g} us" for q in (50.0, 99.9))
 
 
 def _set_to_output(daemon: Daemon, token: str, record: Path) -> Iterator[Claim]:
@@ -180,8 +196,3 @@ def _claim(what: str, times_s: list[float], wanted_s: float) -> Claim:
     median_s = statistics.median(times_s)
     described = f"{1e3 * median_s:.2f} ms median of {len(times_s)}"
     return Claim(what, described, f"under {1e3 * wanted_s:.0f} ms", median_s < wanted_s)
-
-
-if __name__ == "__main__":
-    for claim in run():
-        print(f"{claim.what}: {claim.measured} (wanted {claim.wanted}): {'holds' if claim.holds else 'DOES NOT HOLD'}")

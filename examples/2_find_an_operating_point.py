@@ -6,7 +6,7 @@ real-time loop looks up, within the rig's limits.
 
 from haptic_driver.config import load_model, load_rig
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
-from haptic_driver.signals import FingerState, TargetFriction
+from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
 from haptic_driver.surface_builder import build_surface
 from haptic_driver.surface_file import ready_for_lookup
 
@@ -26,5 +26,5 @@ finger = FingerState(
     normal_force_n=0.5,
     in_contact=True,
 )
-_, point = controller.step(INITIAL, TargetFriction(cof=0.60, active=True), finger)
+_, point = controller.step(INITIAL, TargetFriction(cof=0.60, active=True), finger, NO_COMMAND)
 print(f"friction {point.cof:.3f} at {point.frequency_hz:.0f} Hz and {point.voltage_v:.1f} V peak")

@@ -17,7 +17,8 @@ import numpy as np
 from haptic_driver.config import RigConfig
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
-from haptic_driver.render.surface import cof_scalar
+from haptic_driver.render.correction import factors_at
+from haptic_driver.render.surface import cof_at
 from haptic_driver.rig import build_rig
 from haptic_driver.signals import FingerState
 from haptic_driver.surface_file import SurfaceFile, ready_for_lookup
@@ -159,12 +160,12 @@ def surface_friction(file: SurfaceFile, limits: OperatingLimits) -> FrictionLaw:
         frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float, time_s: float
     ) -> float:
         load_n = max(normal_force_n, LEAST_FORCE_N)
-        cof = cof_scalar(surface, frequency_hz, voltage_v, load_n)
+        cof = cof_at(surface, frequency_hz, voltage_v, load_n)
         if file.correction is not None:
             finger = FingerState(time_s, 0.0, 0.0, speed_m_s, 0.0, load_n, True)
-            off, gain = file.correction.at(frequency_hz, voltage_v, finger)
-            low = cof_scalar(surface, frequency_hz, 0.0, load_n)
-            cof = off * low + gain * (cof - low)
+            off, rise = factors_at(file.correction, frequency_hz, voltage_v, finger)
+            low = cof_at(surface, frequency_hz, 0.0, load_n)
+            cof = off * low + rise * (cof - low)
         return cof * normal_force_n
 
     return friction_n

@@ -5,8 +5,8 @@ from __future__ import annotations
 from haptic_driver.config import RigConfig
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
+from haptic_driver.render.feedback import FeedbackSettings
 from haptic_driver.render.finger import FingerSettings
-from haptic_driver.render.kernels import FeedbackSettings
 from haptic_driver.render.texture import Target
 from haptic_driver.render.tick import TickSettings
 from haptic_driver.surface_file import SurfaceFile, ready_for_lookup

@@ -30,7 +30,7 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.files import replacing
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.controller import Controller, ControllerSettings
-from haptic_driver.render.surface import invert
+from haptic_driver.render.surface import NO_CAPS, invert
 from haptic_driver.surface_builder import SurfaceAxes, build_surface
 from haptic_driver.surface_file import Array, SurfaceFile, ready_for_lookup
 from model.conditions import Conditions
@@ -150,7 +150,7 @@ class Study:
             "reachable_low": low,
             "reachable_high": high,
             "share_pulled_in": float(file.pulled_in.mean()),
-            "highest_cof": [invert(lookup, inf, f, at.normal_force_n).cof for f in self.frequency_hz.tolist()],
+            "highest_cof": [invert(lookup, inf, f, at.normal_force_n, NO_CAPS).cof for f in self.frequency_hz.tolist()],
         }
 
     @property

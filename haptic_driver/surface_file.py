@@ -177,7 +177,9 @@ def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
     proportional = limits.highest_voltage_v(file.frequency_hz, per_volt) * (1.0 - ROUNDING)
     limit_v = np.minimum(proportional[:, None], file.voltage_v[np.maximum(last_sound, 0)])
     return Surface(
-        axes=np.array([[x[0], x[-1], x.size - 1] for x in (np.log(file.frequency_hz), np.log(force), file.voltage_v)]),
+        log_frequency=np.log(file.frequency_hz),
+        log_normal_force=np.log(force),
+        voltage_v=file.voltage_v,
         cof=np.ascontiguousarray(cof.transpose(0, 2, 1)),
         current_rms_a=np.ascontiguousarray(np.nan_to_num(current).transpose(0, 2, 1)),
         stuck_current_a_per_v=per_volt,

@@ -16,7 +16,7 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.controller import INITIAL, POLICIES, Controller, ControllerSettings, Policy
 from haptic_driver.render.safety import violation
-from haptic_driver.signals import FingerState, OperatingPoint, TargetFriction
+from haptic_driver.signals import NO_COMMAND, FingerState, OperatingPoint, TargetFriction
 from haptic_driver.surface_builder import build_surface
 from haptic_driver.surface_file import SurfaceFile, cof_interval_at, read_surface, ready_for_lookup
 from model import friction as friction_law
@@ -89,7 +89,7 @@ def _interval_at(
 def _point(controller: Controller, limits: OperatingLimits, friction: float, normal_force_n: float) -> OperatingPoint:
     """What the controller wants for a resting finger, if it is reachable and the last gate lets it pass."""
     finger = FingerState(0.0, 0.0, 0.0, 0.0, 0.0, normal_force_n, True)
-    _, point = controller.step(INITIAL, TargetFriction(friction, True), finger)
+    _, point = controller.step(INITIAL, TargetFriction(friction, True), finger, NO_COMMAND)
     if not point.reachable:
         low, high = controller.reachable(normal_force_n)
         raise BadInputError(

@@ -15,9 +15,9 @@ from typing import NamedTuple
 NICENESS = -10  # of control: weighs ten times an ordinary process
 SWITCH_INTERVAL_S = 5e-4  # of the interpreter's threads; 5 ms where nobody asks
 PRIORITY = 80  # of SCHED_FIFO, above threaded interrupt handlers (50)
-SPIN_S = 220e-6  # longer than most wake-ups and a rehearsal take; it costs 22 % of a core
-FIRST_REHEARSAL_S = 140e-6  # longer than one takes that has everything to fetch from memory
-REHEARSAL_S = 80e-6  # longer than one takes that follows
+SPIN_S = 260e-6  # longer than most wake-ups and a rehearsal take; it costs 26 % of a core
+FIRST_REHEARSAL_S = 180e-6  # longer than one takes that has everything to fetch from memory
+REHEARSAL_S = 110e-6  # longer than one takes that follows
 _LOCK_CURRENT, _LOCK_FUTURE = 1, 2
 _TIMER_ABSTIME = 1
 _BILLION = 1_000_000_000

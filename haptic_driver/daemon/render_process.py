@@ -4,7 +4,8 @@
 
 takes pickled `RenderSettings` from standard input, compiles, and says on standard output what real-time scheduling it
 was granted, as one JSON line; from then on it runs until its parent is gone. It takes the output to zero by itself
-when the lease runs out, the sensors or control fall silent, or too many instants in a row were missed.
+when the lease runs out, the sensors or control fall silent, or too many instants in a row were missed. An error in a
+tick ends it, which leaves zero and a fault behind; so does anything that would have to be compiled now.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from haptic_driver.daemon.real_time import Due
 from haptic_driver.daemon.samples import Flag
 from haptic_driver.daemon.shared_state import NO_ORDER, Driven, Order, Output, Sensed, SharedState, practice_slot
 from haptic_driver.render import envelope
+from haptic_driver.render.compiled import refuse_to_compile
 from haptic_driver.render.texture import FloatArray, Target, Uniform
 from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
 from haptic_driver.signals import FingerSample, FingerState
@@ -232,7 +234,7 @@ class Renderer:
             sensed.finger_time_s, sensed.position_x_m, sensed.position_y_m,
             finger.position_x_m, finger.position_y_m, speed_m_s,
             sensed.normal_force_n, sensed.lateral_force_n, finger.in_contact,
-            done.target.cof, done.wanted.cof, measured, kept.state.controller.gain,
+            done.target.cof, done.wanted.cof, measured, kept.state.controller.estimate.gain,
             output.frequency_hz, output.voltage_v, output.output_on, output.flags,
         )  # fmt: skip
 
@@ -242,7 +244,7 @@ def _noted(done: Tick, state: TickState) -> int:
     noted = 0 if done.wanted.reachable else _UNREACHABLE
     if done.safe.rejection is not None:
         noted |= _REJECTED
-    if state.controller.at_limit:
+    if state.controller.estimate.at_limit:
         noted |= _FEEDBACK_LIMIT
     return noted
 
@@ -264,6 +266,7 @@ def main() -> None:
     renderer = Renderer(settings, shared)
     with compilation_said("render process"):
         renderer.warm_up()
+    refuse_to_compile()
     granted = real_time.enter()
     real_time.settle_memory()
     print(json.dumps(granted._asdict()), flush=True)

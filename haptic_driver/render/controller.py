@@ -6,35 +6,48 @@ the carrier, so no policy but `fixed_frequency` goes below `lowest_carrier_hz`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot, isnan, nan
-from typing import Any, Literal, NamedTuple, get_args
+from functools import partial
+from math import nan
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
+from numba import typed
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
-from haptic_driver.render import feedback, kernels
-from haptic_driver.render.correction import NO_CORRECTION, Correction
-from haptic_driver.render.feedback import NO_FEEDBACK, FeedbackState
-from haptic_driver.render.kernels import (
-    LOG_FREQUENCY,
-    MERIT_AUTHORITY,
-    MERIT_CURRENT,
-    MERIT_VOLTAGE,
-    Array,
-    Estimate,
-    FeedbackSettings,
+from haptic_driver.render import feedback
+from haptic_driver.render.compiled import Array, kernel, laid_out
+from haptic_driver.render.correction import NO_CORRECTION, Correction, Factors, factors_at
+from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains
+from haptic_driver.render.surface import (
+    NO_CAPS,
+    Caps,
+    Inverse,
+    Place,
+    Surface,
+    at_voltage,
+    cof_at,
+    crossing_v,
+    invert,
+    invert_at,
+    limit_v,
+    locate,
+    place_of,
 )
-from haptic_driver.render.surface import Surface, best_frequency, highest_cof, invert, stuck_current_a_per_v
-from haptic_driver.signals import NO_COMMAND, DriveCommand, FingerState, OperatingPoint, TargetFriction
+from haptic_driver.signals import DriveCommand, FingerState, OperatingPoint, TargetFriction
 
 Policy = Literal["max_authority", "min_voltage", "min_current", "fixed_frequency", "carrier"]
 POLICIES: tuple[Policy, ...] = get_args(Policy)
+MERIT_AUTHORITY, MERIT_VOLTAGE, MERIT_CURRENT = 0, 1, 2
 MERITS = {"min_voltage": MERIT_VOLTAGE, "min_current": MERIT_CURRENT}
 CARRIER_BAND_HZ = 10e3
-_GAIN, _AT_LIMIT = Estimate._fields.index("gain"), Estimate._fields.index("at_limit")
-CLEAR = 1e-9  # kept clear of a limit against rounding
+CLEAR = 1.0 - 1e-9  # of a limit: kept clear of it against rounding
+CORRECTION_ROUNDS = 4
+FREQUENCY_ROUNDS = 2  # of them choose the frequency too; later ones find the voltage alone
+CAUTION_CUTS = 20  # halvings of the rise; leaves 1e-6 of it
+WORTH_COMPARING_V, WORTH_COMPARING_A = 1.0, 1e-6  # below, costs are as good as equal
 
 
 @dataclass(frozen=True)
@@ -58,162 +71,267 @@ class ControllerSettings:
 
     def __post_init__(self) -> None:
         """Refuse settings under which no frequency could be chosen."""
-        low, high = np.exp(self.surface.axes[LOG_FREQUENCY, :2])
+        low, high = np.exp(self.surface.log_frequency[[0, -1]])
         if self.policy not in POLICIES:
             raise BadInputError("bad_policy", f"there is no policy '{self.policy}'", f"Known: {', '.join(POLICIES)}")
         if self.policy == "fixed_frequency":
             f = self.fixed_frequency_hz
             if f is None or not low * (1 - 1e-9) <= f <= high * (1 + 1e-9):
-                raise BadInputError(
-                    "bad_frequency",
-                    "policy fixed_frequency: "
-                    + ("no frequency is given" if f is None else f"{f:g} Hz is not on the surface"),
-                    f"Give fixed_frequency_hz of {low:g}..{high:g} Hz",
-                )
-        elif self.band[0] >= self.band[1]:
-            raise BadInputError(
-                "bad_frequency", f"policy {self.policy} finds no frequency on a surface of {low:g}..{high:g} Hz",
-                "Build a surface that reaches higher",
-            )  # fmt: skip
+                wrong = "no frequency is given" if f is None else f"{f:g} Hz is not on the surface"
+                hint = f"Give fixed_frequency_hz of {low:g}..{high:g} Hz"
+                raise BadInputError("bad_frequency", f"policy fixed_frequency: {wrong}", hint)
+        elif self.first_node >= self.surface.log_frequency.size:
+            said = f"policy {self.policy} finds no frequency on a surface of {low:g}..{high:g} Hz"
+            raise BadInputError("bad_frequency", said, "Build a surface that reaches higher")
 
     @property
-    def band(self) -> tuple[int, int]:
-        """First and one past the last frequency node that the policy may use."""
-        lowest = CARRIER_BAND_HZ if self.policy == "carrier" else self.lowest_carrier_hz
-        nodes = self.surface.nodes(LOG_FREQUENCY)
-        return int(np.searchsorted(nodes, np.log(lowest) - 1e-9)), nodes.size
+    def first_node(self) -> int:
+        """The first frequency node that the policy may use."""
+        lowest_hz = CARRIER_BAND_HZ if self.policy == "carrier" else self.lowest_carrier_hz
+        return int(np.searchsorted(self.surface.log_frequency, np.log(lowest_hz) - 1e-9))
 
-    @property
-    def merit(self) -> int:
-        """What frequencies are compared by."""
-        return MERITS.get(self.policy, MERIT_AUTHORITY)
+    def caps(self, frequency_hz: float) -> Caps:
+        """Largest voltage and sliding current that the limits allow at one frequency."""
+        stuck = np.interp(np.log(frequency_hz), self.surface.log_frequency, self.surface.stuck_current_a_per_v)
+        highest_v = float(self.limits.highest_voltage_v(frequency_hz, stuck))
+        return Caps(CLEAR * highest_v, CLEAR * float(self.limits.contact_current_limit_a_rms(frequency_hz)))
+
+
+class Control(NamedTuple):
+    """All that the compiled functions are told.
+
+    The frequency is `fixed_hz`, to which `caps` belong, or where that is NaN the best by `merit` of the nodes from
+    `first` to `stop`.
+    """
+
+    surface: Surface
+    correction: Correction
+    corrected: bool
+    law: FeedbackSettings
+    learns: bool
+    first: int
+    stop: int
+    merit: int
+    hysteresis: float
+    fixed_hz: float
+    caps: Caps
 
 
 class ControllerState(NamedTuple):
-    """The frequency in use, None before the first target; what is known of the finger, None without feedback."""
+    """The frequency in use, NaN before the first target; what is known of the finger, and the last commands."""
 
-    frequency_hz: float | None
-    feedback: FeedbackState | None = None
-
-    @property
-    def known(self) -> Array:
-        """The fields of the estimate in a row."""
-        return feedback.NEUTRAL_KNOWN if self.feedback is None else self.feedback.known
-
-    @property
-    def gain(self) -> float:
-        """What the finger's gains make of the friction at the present drive."""
-        return self.known.item(_GAIN)
-
-    @property
-    def at_limit(self) -> bool:
-        """Whether one of the gains stands at its bound."""
-        return self.known.item(_AT_LIMIT) > 0.0
-
-    @property
-    def estimate(self) -> Estimate:
-        """The finger's gains, with their drift; 1 without feedback."""
-        return feedback.NEUTRAL if self.feedback is None else self.feedback.estimate
+    frequency_hz: float = nan
+    estimate: Estimate = Estimate()
+    commands: Array = feedback.NO_COMMANDS
 
 
-INITIAL = ControllerState(None)
+INITIAL = ControllerState()
+Held = Sequence[Control]  # numba's list of one: to hand over so many fields at each call costs more than the call does
 
 
 class Controller:
-    """The stage with everything that depends on settings alone worked out once."""
+    """The stage with everything that depends on settings alone worked out once. Raises BadInputError.
+
+    Its `step`, `along` and `reachable` are the compiled functions of these names, told what they are to hold on to.
+    """
 
     def __init__(self, settings: ControllerSettings) -> None:
         self.settings = settings
-        surface, correction = Surface(*map(_laid_out, settings.surface)), settings.correction
-        law = settings.feedback
-        self._first_feedback = NO_FEEDBACK if law is None else feedback.initial(law)
-        self._learns = law is not None
-        self._margin = 0.0 if law is None else law.margin
-        self._fixed = settings.fixed_frequency_hz if settings.policy == "fixed_frequency" else None
-        self._caps = _caps(settings) if self._fixed is not None else (np.inf, np.inf)
-        is_corrected = correction is not None
-        factors = tuple(map(_laid_out, NO_CORRECTION if correction is None else correction))
-        fixed_hz = nan if self._fixed is None else self._fixed
-        how = (
-            is_corrected, *settings.band, settings.merit, fixed_hz, settings.hysteresis, *self._caps, self._margin
-        )  # fmt: skip
-        learning = np.array(law if law is not None else ())
-        self._what: tuple[Any, ...] = (*surface, highest_cof(surface), *factors, np.array(how), learning)
-        self._along: tuple[Any, ...] = (*surface, *factors, is_corrected)
+        correction, law = settings.correction, settings.feedback
+        hz = settings.fixed_frequency_hz if settings.policy == "fixed_frequency" else None
+        control = Control(
+            surface=Surface(*map(laid_out, settings.surface)),
+            correction=Correction(*map(laid_out, NO_CORRECTION if correction is None else correction)),
+            corrected=correction is not None,
+            law=FeedbackSettings(0.0) if law is None else feedback.checked(law),
+            learns=law is not None,
+            first=settings.first_node,
+            stop=settings.surface.log_frequency.size,
+            merit=MERITS.get(settings.policy, MERIT_AUTHORITY),
+            hysteresis=float(settings.hysteresis),
+            fixed_hz=nan if hz is None else float(hz),
+            caps=NO_CAPS if hz is None else settings.caps(hz),
+        )
+        held = hold(control)
+        self.step, self.along, self.reachable = partial(step, held), partial(along, held), partial(reachable, held)
 
     def __reduce__(self) -> tuple[type[Controller], tuple[ControllerSettings]]:
-        """Another process works out the rest again, instead of being sent everything twice."""
+        """Another process works it out again: what numba holds cannot be sent."""
         return Controller, (self.settings,)
 
-    def step(
-        self, state: ControllerState, target: TargetFriction, finger: FingerState, applied: DriveCommand = NO_COMMAND
-    ) -> tuple[ControllerState, OperatingPoint]:
-        """The operating point for `target` under the finger's present load; zero volts where nothing is asked.
 
-        A target out of reach gives the nearest reachable friction, flagged. `applied` is the command of the tick
-        before, which feedback compares with what the finger felt; NaN volts where nobody knows whether it is out.
-        """
-        known, commands = state.feedback or self._first_feedback
-        then = FeedbackState(np.empty(known.shape), np.empty(commands.shape))
-        target_cof = target.cof if target.active else nan
-        arguments = (
-            *self._what, known, commands, *then,
-            target_cof, finger.time_s, hypot(finger.velocity_x_m_s, finger.velocity_y_m_s), finger.normal_force_n,
-            finger.lateral_force_n, finger.in_contact, applied.frequency_hz, applied.voltage_v,
-            nan if state.frequency_hz is None else state.frequency_hz,
-        )  # fmt: skip
-        frequency_hz, voltage_v, cof, current_a, stuck_a, low, high = kernels.control(*arguments)
-        learnt = then if self._learns else None
-        if isnan(frequency_hz):
-            state = ControllerState(state.frequency_hz, learnt)
-            return state, _idle(state)
-        reachable = low <= target_cof <= high
-        point = OperatingPoint(frequency_hz, voltage_v, cof, current_a, stuck_a, reachable, low, high)
-        return ControllerState(frequency_hz, learnt), point
-
-    def along(
-        self, state: ControllerState, target_cof: Array, finger: FingerState, frequency_hz: float
-    ) -> tuple[Array, OperatingPoint]:
-        """Voltages [n] for targets at points to come, at one frequency, 0 for NaN; and the operating point of the peak.
-
-        Finger and gains are those of this tick. A target out of reach gives the nearest reachable friction.
-        """
-        voltage_v = np.empty(target_cof.size)
-        arguments = (
-            *self._along, *self._caps, state.known, self._margin,
-            target_cof, frequency_hz, finger.normal_force_n,
-            hypot(finger.velocity_x_m_s, finger.velocity_y_m_s), finger.time_s, voltage_v,
-        )  # fmt: skip
-        peak_v, cof, current_a, stuck_a, low, high = kernels.voltages(*arguments)
-        return voltage_v, OperatingPoint(frequency_hz, peak_v, cof, current_a, stuck_a, True, low, high)
-
-    def reachable(self, normal_force_n: float) -> tuple[float, float]:
-        """Lowest and highest friction that the policy can reach under a load."""
-        best_hz = self._fixed
-        if best_hz is None:
-            index = best_frequency(
-                self.settings.surface, np.inf, normal_force_n, *self.settings.band, MERIT_AUTHORITY
-            )  # fmt: skip
-            best_hz = float(np.exp(self.settings.surface.nodes(LOG_FREQUENCY)[index]))
-        inverse = invert(self.settings.surface, np.inf, best_hz, normal_force_n, *self._caps)
-        return inverse.cof_low, inverse.cof_high
+@kernel
+def hold(control: Control) -> Held:
+    """The record as its compiled functions get it."""
+    held: list[Control] = typed.List()
+    held.append(control)
+    return held
 
 
-def _laid_out(values: Array) -> Array:
-    """The same numbers laid out as every rig has them: another layout would be compiled for anew."""
-    return np.require(values, np.float64, ["C", "A", "W"])
+@kernel
+def step(
+    held: Held, state: ControllerState, target: TargetFriction, finger: FingerState, applied: DriveCommand
+) -> tuple[ControllerState, OperatingPoint]:
+    """The operating point for `target` under the finger's present load; zero volts where nothing is asked.
+
+    A target out of reach gives the nearest reachable friction, flagged. `applied` is the command of the tick before,
+    which feedback compares with what the finger felt; NaN volts where nobody knows whether it is out.
+    """
+    control, known, commands = held[0], state.estimate, state.commands
+    if control.learns:
+        commands = feedback.remembered(commands, finger.time_s, applied)
+        then = feedback.in_force(commands, finger.time_s - control.law.latency_s, control.law.timing_s)
+        known = feedback.learnt(control.surface, control.correction, control.law, known, then, finger)
+    if not (target.active and target.cof > 0.0 and finger.normal_force_n > 0.0):
+        idle_hz = CARRIER_BAND_HZ if np.isnan(state.frequency_hz) else state.frequency_hz
+        idle = OperatingPoint(idle_hz, 0.0, np.nan, 0.0, 0.0, True, np.nan, np.nan)
+        return ControllerState(state.frequency_hz, known, commands), idle
+    frequency_hz, inverse, factors = chosen(control, known, target.cof, finger, state.frequency_hz)
+    point = as_felt(frequency_hz, inverse, factors, known.gains, target.cof)
+    return ControllerState(frequency_hz, known, commands), point
 
 
-def _caps(settings: ControllerSettings) -> tuple[float, float]:
-    """Largest voltage and sliding current that the limits allow at the fixed frequency."""
-    f = settings.fixed_frequency_hz
-    if f is None:
-        return np.inf, np.inf
-    voltage = settings.limits.highest_voltage_v(f, stuck_current_a_per_v(settings.surface, f))
-    current = settings.limits.contact_current_limit_a_rms(f)
-    return float(voltage) * (1.0 - CLEAR), float(current) * (1.0 - CLEAR)
+@kernel
+def chosen(
+    control: Control, known: Estimate, target_cof: float, finger: FingerState, present_hz: float
+) -> tuple[float, Inverse, Factors]:
+    """Frequency, what the surface says there, and the correction's factors: cof = off_gain off + rise_gain rise.
+
+    The factors depend on the drive that the target asks for, so both are found together, in a few rounds.
+    Then the rise is cut back until the friction expected plus one standard deviation is within `margin` of the target.
+    """
+    surface, gains, force_n = control.surface, known.gains, finger.normal_force_n
+    low = cof_at(surface, CARRIER_BAND_HZ, 0.0, force_n)  # the same at any frequency
+    factors, frequency_hz, inverse = Factors(1.0, 1.0), control.fixed_hz, Inverse(0.0, low, 0.0, 0.0, low, low)
+    for k in range(1 + CORRECTION_ROUNDS if control.corrected else 1):
+        if k > 0:
+            factors = factors_at(control.correction, frequency_hz, inverse.voltage_v, finger)
+        wanted = on_surface(gains, factors, low, target_cof)
+        if k <= FREQUENCY_ROUNDS and np.isnan(control.fixed_hz):
+            frequency_hz = best_or_present(control, wanted, force_n, present_hz)
+        inverse = invert(surface, wanted, frequency_hz, force_n, control.caps)
+    if known.cautious:
+        careful = careful_cof(gains, factors, low, inverse.cof, (1.0 + control.law.margin) * target_cof)
+        inverse = invert(surface, careful, frequency_hz, force_n, control.caps)
+    return frequency_hz, inverse, factors
 
 
-def _idle(state: ControllerState) -> OperatingPoint:
-    nothing = float("nan")
-    return OperatingPoint(state.frequency_hz or CARRIER_BAND_HZ, 0.0, nothing, 0.0, 0.0, True, nothing, nothing)
+@kernel
+def on_surface(gains: Gains, factors: Factors, low: float, target_cof: float) -> float:
+    """The surface's friction where this finger feels `target_cof`; `low` is that without voltage."""
+    return low + (target_cof - gains.off * factors.off * low) / (gains.rise * factors.rise)
+
+
+@kernel
+def careful_cof(gains: Gains, factors: Factors, low: float, cof: float, most: float) -> float:
+    """The friction up to `cof` of which this finger feels at most `most`, one standard deviation included."""
+    off, whole = factors.off * low, factors.rise * (cof - low)
+    kept, above, tried = 0.0, whole, whole
+    for _ in range(CAUTION_CUTS):
+        variance = gains.off_variance * off * off + 2.0 * gains.covariance * off * tried
+        variance += gains.rise_variance * tried * tried
+        if gains.off * off + gains.rise * tried + np.sqrt(max(variance, 0.0)) > most:
+            above = tried
+        elif tried == whole:
+            return cof
+        else:
+            kept = tried
+        tried = 0.5 * (kept + above)
+    return low + kept / factors.rise
+
+
+@kernel
+def as_felt(frequency_hz: float, at: Inverse, factors: Factors, gains: Gains, target_cof: float) -> OperatingPoint:
+    """The operating point, with friction as this finger feels it."""
+    low, rise = gains.off * factors.off * at.cof_low, gains.rise * factors.rise
+    cof, high = low + rise * (at.cof - at.cof_low), low + rise * (at.cof_high - at.cof_low)
+    current_a, stuck_a, in_reach = at.current_rms_a, at.stuck_current_rms_a, low <= target_cof <= high
+    return OperatingPoint(frequency_hz, at.voltage_v, cof, current_a, stuck_a, in_reach, low, high)
+
+
+@kernel
+def best_or_present(control: Control, target_cof: float, normal_force_n: float, present_hz: float) -> float:
+    """The best frequency, or the present one while that is not clearly worse; NaN for none."""
+    surface = control.surface
+    best_hz = np.exp(surface.log_frequency[best_node(control, target_cof, normal_force_n)])
+    if np.isnan(present_hz) or present_hz == best_hz:
+        return float(best_hz)
+    best = invert(surface, target_cof, best_hz, normal_force_n, NO_CAPS)
+    present = invert(surface, target_cof, present_hz, normal_force_n, NO_CAPS)
+    return float(best_hz if is_clearly_better(control, best, present, target_cof) else present_hz)
+
+
+@kernel
+def is_clearly_better(control: Control, best: Inverse, present: Inverse, target_cof: float) -> bool:
+    """Whether one frequency is so much better than the other that the carrier should move."""
+    clearly = 1.0 + control.hysteresis
+    if present.cof_high < target_cof <= best.cof_high:
+        return True
+    if control.merit == MERIT_AUTHORITY or present.cof_high < target_cof:
+        return best.cof_high - best.cof_low > clearly * (present.cof_high - present.cof_low)
+    if control.merit == MERIT_VOLTAGE:
+        return present.voltage_v > WORTH_COMPARING_V and present.voltage_v > clearly * best.voltage_v
+    return present.current_rms_a > WORTH_COMPARING_A and present.current_rms_a > clearly * best.current_rms_a
+
+
+@kernel
+def best_node(control: Control, target_cof: float, normal_force_n: float) -> int:
+    """The frequency with most authority, or of those that reach the target the one with least volts or current."""
+    surface = control.surface
+    j, b = locate(surface.log_normal_force, np.log(normal_force_n))
+    best, most = control.first, -1.0
+    cheapest, least = -1, np.inf
+    for i in range(control.first, control.stop):
+        place = Place(i, 0.0, j, b)
+        high = at_voltage(surface, surface.cof, place, limit_v(surface, place))
+        if high > most:
+            best, most = i, high
+        if control.merit != MERIT_AUTHORITY and high >= target_cof:
+            found = invert_at(surface, target_cof, place, NO_CAPS)
+            cost = found.voltage_v if control.merit == MERIT_VOLTAGE else found.current_rms_a
+            if cost < least:
+                cheapest, least = i, cost
+    return cheapest if cheapest >= 0 else best
+
+
+@kernel
+def along(
+    held: Held, gains: Gains, cautious: bool, target_cof: Array, finger: FingerState, frequency_hz: float
+) -> tuple[Array, OperatingPoint]:
+    """Voltages [n] for targets at points to come, at one frequency, 0 for NaN; and the operating point of the peak.
+
+    The correction's factors are those of the highest target's drive. A target out of reach gives the nearest reachable
+    friction.
+    """
+    control = held[0]
+    surface, caps, factors = control.surface, control.caps, Factors(1.0, 1.0)
+    place = place_of(surface, frequency_hz, finger.normal_force_n)
+    most = invert_at(surface, np.inf, place, caps)
+    low, high, largest = most.cof_low, most.cof_high, 0.0
+    for m in range(target_cof.size):
+        largest = max(largest, target_cof[m])
+    for _ in range(CORRECTION_ROUNDS if control.corrected else 0):
+        inverse = invert_at(surface, on_surface(gains, factors, low, largest), place, caps)
+        factors = factors_at(control.correction, frequency_hz, inverse.voltage_v, finger)
+    voltage_v, peak_cof = np.zeros(target_cof.size), low
+    for m in range(target_cof.size):
+        wanted = on_surface(gains, factors, low, target_cof[m])
+        if cautious:
+            most_cof = (1.0 + control.law.margin) * target_cof[m]
+            wanted = careful_cof(gains, factors, low, high if wanted > high else wanted, most_cof)
+        if wanted >= high:
+            voltage_v[m], peak_cof = most.voltage_v, high
+        elif wanted > low:  # not for NaN
+            voltage_v[m] = crossing_v(surface, surface.cof, place, wanted, most.voltage_v)
+            peak_cof = max(peak_cof, wanted)
+    return voltage_v, as_felt(frequency_hz, invert_at(surface, peak_cof, place, caps), factors, gains, largest)
+
+
+@kernel
+def reachable(held: Held, normal_force_n: float) -> tuple[float, float]:
+    """Lowest and highest friction that the policy can reach under a load."""
+    control, frequency_hz = held[0], held[0].fixed_hz
+    if np.isnan(frequency_hz):
+        frequency_hz = np.exp(control.surface.log_frequency[best_node(control, np.inf, normal_force_n)])
+    most = invert(control.surface, np.inf, frequency_hz, normal_force_n, control.caps)
+    return most.cof_low, most.cof_high

@@ -6,13 +6,12 @@ and the rise through attraction are corrected apart, since effects of speed act 
 
 from __future__ import annotations
 
-from math import hypot
 from typing import NamedTuple
 
 import numpy as np
 
-from haptic_driver.render import kernels
-from haptic_driver.render.kernels import Array
+from haptic_driver.render.compiled import Array, kernel
+from haptic_driver.render.surface import between
 from haptic_driver.signals import FingerState
 
 
@@ -31,17 +30,43 @@ class Correction(NamedTuple):
     gain_factor: Array
     time_factor: Array
 
-    def at(self, frequency_hz: float, voltage_v: float, finger: FingerState) -> tuple[float, float]:
-        """Factors on friction without voltage and on the rise through attraction, for this finger and drive."""
-        speed_m_s = hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
-        found: tuple[float, float] = kernels.correction_factors(
-            *self, frequency_hz, voltage_v, finger.normal_force_n, speed_m_s, finger.time_s
-        )
-        return found
-
 
 _ENDS = np.array([0.0, 1.0])
-NO_CORRECTION = Correction(
-    _ENDS, _ENDS, _ENDS, _ENDS, _ENDS, np.ones((2, 2)), np.ones((2, 2, 2, 2)), np.ones(2)
-)  # fmt: skip
-"""Factors of 1, for kernels that take one in any case."""
+NO_CORRECTION = Correction(_ENDS, _ENDS, _ENDS, _ENDS, _ENDS, np.ones((2, 2)), np.ones((2, 2, 2, 2)), np.ones(2))
+"""Factors of 1."""
+
+
+class Factors(NamedTuple):
+    """On friction without voltage, and on the rise through attraction."""
+
+    off: float
+    rise: float
+
+
+@kernel
+def factors_at(correction: Correction, frequency_hz: float, voltage_v: float, finger: FingerState) -> Factors:
+    """The factors for this drive and this finger."""
+    speed_m_s = max(np.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s), 1e-9)
+    f, f_share = among(correction.log_frequency, np.log(frequency_hz))
+    n, n_share = among(correction.log_normal_force, np.log(finger.normal_force_n))
+    s, s_share = among(correction.log_speed, np.log(speed_m_s))
+    v, v_share = among(correction.voltage_v, voltage_v)
+    t, t_share = among(correction.time_s, finger.time_s)
+    off, rise = 0.0, 0.0
+    for i in range(2):
+        for j in range(2):
+            share = (n_share if i else 1.0 - n_share) * (s_share if j else 1.0 - s_share)
+            off += share * correction.off_factor[n + i, s + j]
+            for k in range(2):
+                for m in range(2):
+                    part = share * (f_share if k else 1.0 - f_share) * (v_share if m else 1.0 - v_share)
+                    rise += part * correction.gain_factor[f + k, n + i, s + j, v + m]
+    of_time = between(correction.time_factor[t], correction.time_factor[t + 1], t_share)
+    return Factors(of_time * off, of_time * rise)
+
+
+@kernel
+def among(nodes: Array, x: float) -> tuple[int, float]:
+    """Cell of `x` among rising nodes and the share of the way through it; clamped."""
+    cell = min(max(int(np.searchsorted(nodes, x)) - 1, 0), nodes.size - 2)
+    return cell, min(max((x - nodes[cell]) / (nodes[cell + 1] - nodes[cell]), 0.0), 1.0)

@@ -10,15 +10,12 @@ it with `synthesise`, at the rate and pace of its own output.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from haptic_driver.render import safety
+from haptic_driver.render.compiled import Array, kernel
 from haptic_driver.render.tick import Tick, TickSettings, TickState
 from haptic_driver.signals import COURSE_POINTS
-
-Array = NDArray[np.float64]
 
 _SHARES = np.arange(1, COURSE_POINTS + 1) / COURSE_POINTS
 ZERO = np.zeros(COURSE_POINTS)
@@ -34,7 +31,8 @@ def ahead(stages: TickSettings, after: TickState, done: Tick, tick_s: float) -> 
     if not finger.in_contact or done.safe.rejection is not None:
         return after, ZERO
     cof = stages.texture.cof_along(finger, tick_s * _SHARES)
-    voltage_v, peak = stages.controller.along(after.controller, cof, finger, done.wanted.frequency_hz)
+    known, carrier_hz = after.controller.estimate, done.wanted.frequency_hz
+    voltage_v, peak = stages.controller.along(known.gains, known.cautious, cof, finger, carrier_hz)
     guard, refused = safety.gate_envelope(stages.limits, after.safety, peak, voltage_v)
     if refused:
         return after._replace(safety=guard), ZERO
@@ -47,7 +45,7 @@ def straight(begin_v2: float, end_v2: float) -> Array:
     return np.full(COURSE_POINTS, end_v2) if begin_v2 >= end_v2 else begin_v2 + (end_v2 - begin_v2) * _SHARES
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def synthesise(powers_v2: Array, out: Array) -> None:
     """Peak voltages `out` [m] between `powers_v2` [n + 1], the first of which was reached before the first sample.
 

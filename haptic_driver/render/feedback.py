@@ -34,61 +34,283 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.render.kernels import Array, Estimate, FeedbackSettings
+from haptic_driver.render.compiled import Array, kernel
+from haptic_driver.render.correction import Correction, factors_at
+from haptic_driver.render.surface import Surface, at_node, at_voltage, between, place_of
+from haptic_driver.signals import DriveCommand, FingerState
 
 COMMANDS_KEPT = 128
 LONGEST_LATENCY_S = 0.1  # so far so many commands reach back, at 1 kHz
+LEAST_FORCE_N = 1e-9
+LARGEST_SURPRISE = 0.5  # of the force expected; more is an outlier and counts as so much
+RAMP = 0.5  # of the change that commands make within the timing window: error of what is expected
+LEAST_PACE = 0.1  # slower is a standstill: the output ramps
+LONGEST_STEP_S = 0.010  # no reading teaches more than so much time would
+RATE_TIME_CONSTANT_S = 0.5
+PATIENCE_S = 1.0  # without a reading for so long there is no feedback to be careful for
+SOME_FREQUENCY_HZ = 1e3  # for a look-up at zero voltage, where it does not matter
+NO_COMMANDS = np.full((COMMANDS_KEPT, 3), nan)
+
+Forces = tuple[float, float]  # h of the law: lateral ones by the surface alone, without voltage and by attraction
 
 
-class FeedbackState(NamedTuple):
-    """The fields of `Estimate` in a row, and the last commands [time, frequency, voltage], newest first."""
+class FeedbackSettings(NamedTuple):
+    """How the finger's gains are learnt.
 
-    known: Array
-    commands: Array
+    `latency_s`: from a command until the force sensor reports its effect; `timing_s`: by how much that may be off.
+    `time_constant_s` of learning, once the finger is known; `memory_s`: how fast what was learnt may become wrong.
+    `deviation` and `correlation` of the two gains from finger to finger, before anything was measured. `lowest_gain`,
+    `highest_gain`: bounds. `slowest_m_s`, `settled_m`: slower, and before that way in one stroke, nothing is learnt.
+    `cutoff_hz_per_m_s`: friction follows voltage with a first-order lag of that cut-off per speed (13.8 Hz per mm/s,
+    arXiv 2505.11162). `margin`: by how much friction may exceed the target, one standard deviation of the gains
+    included.
+    """
 
-    @property
-    def estimate(self) -> Estimate:
-        """What is known of the finger, by name."""
-        return Estimate(*self.known.tolist())
+    latency_s: float
+    timing_s: float = 0.010
+    time_constant_s: float = 0.050
+    memory_s: float = 8.0
+    deviation: float = 0.4
+    correlation: float = 0.5
+    lowest_gain: float = 0.3
+    highest_gain: float = 3.0
+    slowest_m_s: float = 0.003
+    settled_m: float = 0.0003
+    cutoff_hz_per_m_s: float = 13.8e3
+    margin: float = 0.035
 
 
-def initial(settings: FeedbackSettings) -> FeedbackState:
-    """Nothing measured yet. Raises BadInputError for settings that have no meaning."""
-    wrong = [name for name, value in settings._asdict().items() if not (isfinite(value) and value >= 0.0)]
+class Gains(NamedTuple):
+    """cof = `off` x friction without voltage + `rise` x rise by attraction: x of the law; and P, their covariance."""
+
+    off: float = 1.0
+    rise: float = 1.0
+    off_variance: float = 0.0
+    covariance: float = 0.0
+    rise_variance: float = 0.0
+
+
+class Estimate(NamedTuple):
+    """What is known of the finger; by default that it is the one that the surface was made for.
+
+    `gain` is what both gains make of the friction at the present drive, `gain_rate_per_s` its drift, smoothed.
+    `learning`: the last sample taught something; `at_limit`: a gain stands at its bound; `cautious`: a force was
+    measured lately, so that the covariance counts. `expected_off_n` and `expected_rise_n`: lateral force by the surface
+    alone, lagged as friction lags; NaN without contact. `time_s` and `normal_force_n` are the last sample's,
+    `reading_time_s` and `lateral_force_n` the last new reading's; `slid_m` is the way of this stroke.
+    """
+
+    gains: Gains = Gains()
+    gain: float = 1.0
+    gain_rate_per_s: float = 0.0
+    learning: bool = False
+    at_limit: bool = False
+    cautious: bool = False
+    expected_off_n: float = nan
+    expected_rise_n: float = nan
+    time_s: float = nan
+    reading_time_s: float = -inf
+    normal_force_n: float = nan
+    lateral_force_n: float = nan
+    slid_m: float = 0.0
+
+
+class InForce(NamedTuple):
+    """The command in force at a time, the least and the most voltage around it, and whether one carrier held."""
+
+    frequency_hz: float
+    voltage_v: float
+    least_v: float
+    most_v: float
+    steady: bool
+
+
+def checked(law: FeedbackSettings) -> FeedbackSettings:
+    """`law` itself, in floats. Raises BadInputError for settings that have no meaning."""
+    wrong = [name for name, value in law._asdict().items() if not (isfinite(value) and value >= 0.0)]
     if wrong:
-        raise BadInputError(
-            "bad_feedback", f"feedback {wrong[0]} is {getattr(settings, wrong[0])}", "give a finite number, 0 or more"
-        )
-    if settings.latency_s + settings.timing_s > LONGEST_LATENCY_S:
-        raise BadInputError(
-            "bad_feedback", f"feedback over a latency of {settings.latency_s:g} s is too late",
-            f"give at most {LONGEST_LATENCY_S:g} s, timing included, or switch feedback off",
-        )  # fmt: skip
-    if not (
-        settings.time_constant_s > settings.timing_s
-        and settings.memory_s > settings.time_constant_s
-        and 0.0 < settings.lowest_gain < 1.0 < settings.highest_gain
-        and settings.correlation < 1.0
-        and settings.deviation > 0.0
+        said, hint = f"feedback {wrong[0]} is {getattr(law, wrong[0])}", "give a finite number, 0 or more"
+    elif law.latency_s + law.timing_s > LONGEST_LATENCY_S:
+        said = f"feedback over a latency of {law.latency_s:g} s is too late"
+        hint = f"give at most {LONGEST_LATENCY_S:g} s, timing included, or switch feedback off"
+    elif not (
+        law.timing_s < law.time_constant_s < law.memory_s
+        and 0.0 < law.lowest_gain < 1.0 < law.highest_gain
+        and law.correlation < 1.0
+        and law.deviation > 0.0
     ):
-        raise BadInputError(
-            "bad_feedback", f"feedback settings contradict one another: {settings}",
-            "choose timing_s < time_constant_s < memory_s, 0 < lowest_gain < 1 < highest_gain, correlation < 1",
-        )  # fmt: skip
-    variance = settings.deviation**2
-    estimate = NEUTRAL._replace(
-        off_variance=variance, covariance=settings.correlation * variance, rise_variance=variance
+        said = f"feedback settings contradict one another: {law}"
+        hint = "choose timing_s < time_constant_s < memory_s, 0 < lowest_gain < 1 < highest_gain, correlation < 1"
+    else:
+        return FeedbackSettings(*map(float, law))
+    raise BadInputError("bad_feedback", said, hint)
+
+
+@kernel
+def remembered(commands: Array, time_s: float, applied: DriveCommand) -> Array:
+    """Commands [n, 3] of time, frequency and voltage, newest first, with one more; NaN where there was none yet.
+
+    The voltage is NaN of a command that is on its way while the output comes on.
+    """
+    then = np.empty_like(commands)
+    then[1:] = commands[:-1]
+    then[0, 0], then[0, 1], then[0, 2] = time_s, applied.frequency_hz, applied.voltage_v
+    return then
+
+
+@kernel
+def learnt(
+    surface: Surface, correction: Correction, law: FeedbackSettings, known: Estimate, then: InForce, finger: FingerState
+) -> Estimate:
+    """What is known after one more sample of the finger, `then` in force; the law is told above."""
+    elapsed_s = finger.time_s - known.time_s
+    if not 0.0 <= elapsed_s < np.inf:  # the first sample, one without a time, or a clock that began again
+        elapsed_s = 0.0
+    gains = any_finger(law) if np.isnan(known.time_s) else known.gains
+    if not finger.in_contact:
+        return forgotten(law, known, gains, elapsed_s, finger.time_s)
+    felt, spread_n = by_surface(surface, correction, then, finger)
+    speed_m_s = np.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
+    h = off_n, rise_n = lagged(law, known, felt, speed_m_s * elapsed_s)
+    slid_m = known.slid_m + speed_m_s * elapsed_s if speed_m_s >= law.slowest_m_s else 0.0
+    repeated = finger.lateral_force_n == known.lateral_force_n and finger.normal_force_n == known.normal_force_n
+    new = bool(np.isfinite(finger.lateral_force_n) and not repeated)
+    reading_s = finger.time_s if new else known.reading_time_s
+    lateral_n = finger.lateral_force_n if new else known.lateral_force_n
+    _, _, variance = spread(gains, h)
+    pace = variance / (variance + (RAMP * gains.rise * spread_n) ** 2) if then.steady else 0.0
+    learning = new and slid_m >= law.settled_m and pace >= LEAST_PACE
+    gain, rate, at_limit = known.gain, known.gain_rate_per_s, known.at_limit
+    if learning:
+        since_s = finger.time_s - known.reading_time_s
+        worth_s = pace * min(since_s if since_s >= 0.0 else elapsed_s, LONGEST_STEP_S)
+        gains, at_limit = taught(law, gains, h, finger.lateral_force_n, worth_s)
+        gain = (gains.off * off_n + gains.rise * rise_n) / (off_n + rise_n)
+        if elapsed_s > 0.0:
+            rate += -np.expm1(-elapsed_s / RATE_TIME_CONSTANT_S) * ((gain - known.gain) / elapsed_s - rate)
+    time_s, load_n, cautious = finger.time_s, finger.normal_force_n, finger.time_s - reading_s < PATIENCE_S
+    return Estimate(
+        gains, gain, rate, learning, at_limit, cautious, off_n, rise_n, time_s, reading_s, load_n, lateral_n, slid_m
     )
-    return FeedbackState(np.array(estimate), np.full((3, COMMANDS_KEPT), nan))
 
 
-NEUTRAL = Estimate(
-    off_gain=1.0, rise_gain=1.0, off_variance=0.0, covariance=0.0, rise_variance=0.0,
-    gain=1.0, gain_rate_per_s=0.0, learning=0.0, at_limit=0.0,
-    expected_off_n=nan, expected_rise_n=nan, time_s=nan, reading_time_s=-inf, normal_force_n=nan, lateral_force_n=nan,
-    slid_m=0.0,
-)  # fmt: skip
-NEUTRAL_KNOWN = np.array(NEUTRAL)
-"""The finger that the surface was made for, by name and in a row."""
-NO_FEEDBACK = FeedbackState(NEUTRAL_KNOWN, np.empty((3, 0)))
-"""What is known where nothing is learnt."""
+@kernel
+def taught(law: FeedbackSettings, gains: Gains, h: Forces, lateral_n: float, worth_s: float) -> tuple[Gains, bool]:
+    """The gains after one reading that is worth so much time, and whether one of them stands at its bound."""
+    (off_n, rise_n), (ph_off, ph_rise, hph) = h, spread(gains, h)
+    expected_n = gains.off * off_n + gains.rise * rise_n
+    share = -np.expm1(-worth_s / time_constant_s(law, np.sqrt(hph) / expected_n))
+    bound_n = LARGEST_SURPRISE * expected_n
+    step = share * min(max(abs(lateral_n) - expected_n, -bound_n), bound_n) / hph
+    off, rise = gains.off + step * ph_off, gains.rise + step * ph_rise
+    bounded_off = min(max(off, law.lowest_gain), law.highest_gain)
+    bounded_rise = min(max(rise, law.lowest_gain), law.highest_gain)
+    _, _, p, q, r = drawn(gains, any_finger(law), -np.expm1(-worth_s / law.memory_s))
+    p -= share * ph_off * ph_off / hph
+    q -= share * ph_off * ph_rise / hph
+    r -= share * ph_rise * ph_rise / hph
+    return Gains(bounded_off, bounded_rise, p, q, r), bounded_off != off or bounded_rise != rise
+
+
+@kernel
+def time_constant_s(law: FeedbackSettings, deviation: float) -> float:
+    """Shorter, down to `timing_s`, the less is known: `deviation` of the friction expected, as a share of it."""
+    settled = law.deviation * np.sqrt(law.time_constant_s / law.memory_s)
+    return float(max(law.timing_s, law.time_constant_s * min(settled / deviation, 1.0)))
+
+
+@kernel
+def spread(gains: Gains, h: Forces) -> tuple[float, float, float]:
+    """P h, and h.P h: the variance of the force expected."""
+    off_n, rise_n = h
+    ph_off = gains.off_variance * off_n + gains.covariance * rise_n
+    ph_rise = gains.covariance * off_n + gains.rise_variance * rise_n
+    return ph_off, ph_rise, off_n * ph_off + rise_n * ph_rise
+
+
+@kernel
+def any_finger(law: FeedbackSettings) -> Gains:
+    """What is known of a finger of which nothing was measured: P0."""
+    variance = law.deviation**2
+    return Gains(1.0, 1.0, variance, law.correlation * variance, variance)
+
+
+@kernel
+def drawn(gains: Gains, to: Gains, share: float) -> Gains:
+    """Some share of the way from one to the other."""
+    return Gains(
+        between(gains.off, to.off, share),
+        between(gains.rise, to.rise, share),
+        between(gains.off_variance, to.off_variance, share),
+        between(gains.covariance, to.covariance, share),
+        between(gains.rise_variance, to.rise_variance, share),
+    )
+
+
+@kernel
+def forgotten(law: FeedbackSettings, known: Estimate, gains: Gains, elapsed_s: float, time_s: float) -> Estimate:
+    """Without contact what is known goes back to what is known of any finger: the next may be another's."""
+    share = -np.expm1(-elapsed_s / law.memory_s)
+    faded, gain = drawn(gains, any_finger(law), share), between(known.gain, 1.0, share)
+    last_s, reading_s = time_s if np.isfinite(time_s) else known.time_s, known.reading_time_s
+    cautious = time_s - reading_s < PATIENCE_S
+    return Estimate(faded, gain, 0.0, False, False, cautious, nan, nan, last_s, reading_s, nan, nan, 0.0)
+
+
+@kernel
+def by_surface(surface: Surface, correction: Correction, then: InForce, finger: FingerState) -> tuple[Forces, float]:
+    """What the surface alone gives for a command, and how much the voltages around it change of that."""
+    factors = factors_at(correction, then.frequency_hz, then.voltage_v, finger)
+    place = place_of(surface, then.frequency_hz, finger.normal_force_n)
+    low = at_node(surface.cof, place, 0)
+    off_n, per_rise_n = finger.normal_force_n * factors.off * low, finger.normal_force_n * factors.rise
+    rise = at_voltage(surface, surface.cof, place, then.voltage_v) - low
+    most = at_voltage(surface, surface.cof, place, then.most_v)
+    least = at_voltage(surface, surface.cof, place, then.least_v)
+    return (off_n, per_rise_n * rise), per_rise_n * (most - least)
+
+
+@kernel
+def lagged(law: FeedbackSettings, known: Estimate, felt: Forces, way_m: float) -> Forces:
+    """Friction follows voltage with a first-order lag of the way; at the touch there is no attraction yet."""
+    off_n, rise_n = felt
+    if np.isnan(known.expected_off_n):
+        return off_n, 0.0
+    share = -np.expm1(-2.0 * np.pi * law.cutoff_hz_per_m_s * way_m)
+    rise_n = between(known.expected_rise_n, rise_n, share)
+    if rise_n < LEAST_FORCE_N:  # what decays for ever would get too small to be computed fast
+        rise_n = 0.0
+    return between(known.expected_off_n, off_n, share), rise_n
+
+
+@kernel
+def in_force(commands: Array, at_s: float, around_s: float) -> InForce:
+    """What was in force at a time and around it, by the commands that `remembered` has kept.
+
+    Before the oldest command, where that is known, there was no voltage. Where nobody knows the voltage (NaN) none is
+    taken, and no carrier held.
+    """
+    voltage_v, frequency_hz, found = 0.0, SOME_FREQUENCY_HZ, False
+    least_v, most_v = np.inf, 0.0
+    carrier_hz, steady = np.nan, True
+    for k in range(commands.shape[0]):
+        began_s, command_hz, peak_v = commands[k, 0], commands[k, 1], commands[k, 2]
+        if began_s > at_s + around_s:
+            continue
+        first_ever = np.isnan(began_s)
+        if first_ever:
+            peak_v = 0.0
+        elif np.isnan(peak_v):
+            peak_v, steady = 0.0, False
+        least_v, most_v = min(least_v, peak_v), max(most_v, peak_v)
+        if peak_v > 0.0:
+            steady = steady and not (carrier_hz != command_hz and carrier_hz > 0.0)
+            carrier_hz = command_hz
+        if not found and (first_ever or began_s <= at_s):
+            found, voltage_v = True, peak_v
+            frequency_hz = command_hz if peak_v > 0.0 else SOME_FREQUENCY_HZ
+        if first_ever or began_s <= at_s - around_s:
+            break
+    if voltage_v == 0.0 and carrier_hz > 0.0:
+        frequency_hz = carrier_hz
+    return InForce(frequency_hz, voltage_v, min(least_v, voltage_v), most_v, steady and found)

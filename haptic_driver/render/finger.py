@@ -85,14 +85,13 @@ def track(settings: FingerSettings, state: FingerTracking, sample: FingerSample)
         return _touched(sample), _as_seen(sample)._replace(in_contact=True)
 
     state = _follow(settings, state, sample)
-    x_m = sample.position_x_m + state.velocity_x_m_s * settings.output_latency_s
-    y_m = sample.position_y_m + state.velocity_y_m_s * settings.output_latency_s
+    vx_m_s, vy_m_s = state.velocity_x_m_s, state.velocity_y_m_s
+    x_m = sample.position_x_m + vx_m_s * settings.output_latency_s
+    y_m = sample.position_y_m + vy_m_s * settings.output_latency_s
     if not (math.isfinite(x_m) and math.isfinite(y_m)):
         return _lost(sample.time_s)
-    return state, FingerState(
-        sample.time_s, x_m, y_m, state.velocity_x_m_s, state.velocity_y_m_s, sample.normal_force_n, True,
-        sample.lateral_force_n,
-    )  # fmt: skip
+    force_n, lateral_n = sample.normal_force_n, sample.lateral_force_n
+    return state, FingerState(sample.time_s, x_m, y_m, vx_m_s, vy_m_s, force_n, True, lateral_n)
 
 
 def _follow(settings: FingerSettings, state: FingerTracking, sample: FingerSample) -> FingerTracking:
@@ -103,18 +102,11 @@ def _follow(settings: FingerSettings, state: FingerTracking, sample: FingerSampl
     share = -math.expm1(-interval_s / settings.velocity_time_constant_s)
     weight = state.weight + share * (1.0 - state.weight)
     gain = share / weight
-    slope_x_m_s = (sample.position_x_m - state.anchor_x_m) / interval_s
-    slope_y_m_s = (sample.position_y_m - state.anchor_y_m) / interval_s
-    return FingerTracking(
-        sample.time_s,
-        sample.time_s,
-        sample.position_x_m,
-        sample.position_y_m,
-        state.velocity_x_m_s + gain * (slope_x_m_s - state.velocity_x_m_s),
-        state.velocity_y_m_s + gain * (slope_y_m_s - state.velocity_y_m_s),
-        weight,
-        True,
-    )
+    time_s, x_m, y_m = sample.time_s, sample.position_x_m, sample.position_y_m
+    vx_m_s, vy_m_s = state.velocity_x_m_s, state.velocity_y_m_s
+    vx_m_s += gain * ((x_m - state.anchor_x_m) / interval_s - vx_m_s)
+    vy_m_s += gain * ((y_m - state.anchor_y_m) / interval_s - vy_m_s)
+    return FingerTracking(time_s, time_s, x_m, y_m, vx_m_s, vy_m_s, weight, True)
 
 
 def _touched(sample: FingerSample) -> FingerTracking:

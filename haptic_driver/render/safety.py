@@ -11,7 +11,6 @@ from math import exp, isfinite, log, pi, sqrt
 from operator import itemgetter
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -77,20 +76,11 @@ def gate_envelope(
     """
     reason = violation(limits, peak)
     if reason is None:
-        index = first_outside(voltage_v, peak.voltage_v)
-        if index < 0:
+        outside = [i for i, v in enumerate(voltage_v.tolist()) if not 0.0 <= v <= peak.voltage_v]  # NaN is
+        if not outside:
             return state, False
-        reason = f"point {index} of the envelope, {voltage_v[index]:g} V, is outside 0..{peak.voltage_v:g} V"
+        reason = f"point {outside[0]} of the envelope, {voltage_v[outside[0]]:g} V, is outside 0..{peak.voltage_v:g} V"
     return SafetyState(state.rejections + 1, reason), True
-
-
-@numba.njit(cache=True, nogil=True)
-def first_outside(voltage_v: NDArray[np.float64], highest_v: float) -> int:
-    """Index of the first outside 0..highest_v, NaN included; -1 for none."""
-    for i in range(voltage_v.size):
-        if not 0.0 <= voltage_v[i] <= highest_v:
-            return i
-    return -1
 
 
 def contact_current_limit_a_rms(limits: OperatingLimits, frequency_hz: float) -> float:

@@ -1,7 +1,7 @@
 """The lookup surface: friction over frequency, normal force and voltage, looked up and inverted.
 
-Axes are uniform in log frequency, log normal force and voltage; between nodes everything is linear, outside it is
-clamped and never extrapolated. The kernels stand in `render/kernels.py`.
+Nodes are evenly spaced in log frequency, log normal force and voltage; between nodes everything is linear, outside it
+is clamped and never extrapolated.
 """
 
 from __future__ import annotations
@@ -10,32 +10,48 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_driver.render import kernels
-from haptic_driver.render.kernels import LOG_FREQUENCY, Array
+from haptic_driver.render.compiled import Array, kernel
+
+ON_NODE = 1e-9  # of a cell: so near to a node is the node
 
 
 class Surface(NamedTuple):
     """A surface made ready for look-up, limits of the rig applied.
 
-    `axes` [3, 3]: first node, last node and number of cells of each axis, in the order of the arrays. `cof` and
-    `current_rms_a` are [frequency, normal force, voltage]; `voltage_limit_v` [frequency, normal force] is the largest
-    voltage that every limit and mask allows there; `stuck_current_a_per_v` [frequency].
+    Nodes of log frequency [f], log normal force [n] and voltage [v]. `cof` and `current_rms_a` [f, n, v];
+    `stuck_current_a_per_v` [f]; `voltage_limit_v` [f, n] is the largest voltage that every limit and mask allows there.
     """
 
-    axes: Array
+    log_frequency: Array
+    log_normal_force: Array
+    voltage_v: Array
     cof: Array
     current_rms_a: Array
     stuck_current_a_per_v: Array
     voltage_limit_v: Array
 
-    def nodes(self, axis: int) -> Array:
-        """The nodes of one axis."""
-        first, last, cells = self.axes[axis]
-        return np.linspace(first, last, int(cells) + 1)
+
+class Place(NamedTuple):
+    """A frequency and a load: at or after node `i` of frequency by `a` cells, at or after node `j` of load by `b`."""
+
+    i: int
+    a: float
+    j: int
+    b: float
+
+
+class Caps(NamedTuple):
+    """What else bounds voltage and sliding current: between the nodes the limits of the surface are not exact."""
+
+    voltage_v: float
+    current_a: float
+
+
+NO_CAPS = Caps(np.inf, np.inf)
 
 
 class Inverse(NamedTuple):
-    """The voltage for a target at one frequency, and what it gives; `cof_high` is the most that is reachable there."""
+    """The voltage for a target at one place, and what it gives; `cof_high` is the most that is reachable there."""
 
     voltage_v: float
     cof: float
@@ -45,58 +61,106 @@ class Inverse(NamedTuple):
     cof_high: float
 
 
-def cof_at(surface: Surface, frequency_hz: Array, voltage_v: Array, normal_force_n: Array) -> Array:
-    """Friction at n points, any equal shapes; clamped to the surface, NaN where an input is NaN.
+@kernel
+def cof_at(surface: Surface, frequency_hz: float, voltage_v: float, normal_force_n: float) -> float:
+    """Friction at one point; clamped to the surface, NaN where an input is NaN. Frequency and force are positive."""
+    return at_voltage(surface, surface.cof, place_of(surface, frequency_hz, normal_force_n), voltage_v)
 
-    Frequencies and forces must be positive.
+
+@kernel
+def invert(surface: Surface, target_cof: float, frequency_hz: float, normal_force_n: float, caps: Caps) -> Inverse:
+    """The smallest voltage that gives `target_cof` at that frequency and load, clamped to what is reachable there."""
+    return invert_at(surface, target_cof, place_of(surface, frequency_hz, normal_force_n), caps)
+
+
+@kernel
+def invert_at(surface: Surface, target_cof: float, place: Place, caps: Caps) -> Inverse:
+    """The same at a place."""
+    most_v = highest_v(surface, place, caps)
+    low, high = at_node(surface.cof, place, 0), at_voltage(surface, surface.cof, place, most_v)
+    voltage_v, cof = 0.0, low
+    if target_cof >= high:
+        voltage_v, cof = most_v, high
+    elif target_cof > low:
+        voltage_v, cof = crossing_v(surface, surface.cof, place, target_cof, most_v), target_cof
+    current_a, stuck = at_voltage(surface, surface.current_rms_a, place, voltage_v), surface.stuck_current_a_per_v
+    stuck_a = voltage_v * between(stuck[place.i], stuck[place.i + (place.a > 0.0)], place.a)
+    return Inverse(voltage_v, cof, current_a, stuck_a, low, high)
+
+
+@kernel
+def highest_v(surface: Surface, place: Place, caps: Caps) -> float:
+    """The most that limits and caps allow at a place."""
+    most_v = min(limit_v(surface, place), caps.voltage_v)
+    if at_voltage(surface, surface.current_rms_a, place, most_v) > caps.current_a:
+        return (1.0 - ON_NODE) * crossing_v(surface, surface.current_rms_a, place, caps.current_a, most_v)
+    return most_v
+
+
+@kernel
+def limit_v(surface: Surface, place: Place) -> float:
+    """The least limit of the nodes around: between an allowed and a forbidden node nothing is allowed."""
+    i, a, j, b = place
+    i1, j1, limit = i + (a > 0.0), j + (b > 0.0), surface.voltage_limit_v
+    return float(min(limit[i, j], limit[i, j1], limit[i1, j], limit[i1, j1]))
+
+
+@kernel
+def crossing_v(surface: Surface, values: Array, place: Place, wanted: float, most_v: float) -> float:
+    """The voltage up to `most_v` at which `values` [f, n, v], which grow with it, reach `wanted`; by bisection."""
+    below, above = 0, locate(surface.voltage_v, most_v)[0] + 1
+    while above - below > 1:
+        middle = (below + above) // 2
+        if at_node(values, place, middle) <= wanted:
+            below = middle
+        else:
+            above = middle
+    start, end = at_node(values, place, below), at_node(values, place, above)
+    share = (wanted - start) / (end - start)
+    return min(between(surface.voltage_v[below], surface.voltage_v[above], share), most_v)
+
+
+@kernel
+def place_of(surface: Surface, frequency_hz: float, normal_force_n: float) -> Place:
+    """Where a frequency and a load lie."""
+    i, a = locate(surface.log_frequency, np.log(frequency_hz))
+    j, b = locate(surface.log_normal_force, np.log(normal_force_n))
+    return Place(i, a, j, b)
+
+
+@kernel
+def locate(nodes: Array, x: float) -> tuple[int, float]:
+    """Node at or below `x` and the share of the way to the next, on evenly spaced nodes; clamped.
+
+    A node met to rounding is that node, so that no limit of its neighbour is taken for its own.
     """
-    f, v, n = (np.ascontiguousarray(x, dtype=np.float64).ravel() for x in (frequency_hz, voltage_v, normal_force_n))
-    out = np.empty(f.shape)
-    kernels.cof_many(surface.axes, surface.cof, kernels.LOG2_TABLE, f, f.view(np.int64), n, n.view(np.int64), v, out)
-    return out.reshape(np.shape(frequency_hz))
+    cells = nodes.size - 1
+    position = min(max((x - nodes[0]) / (nodes[cells] - nodes[0]) * cells, 0.0), float(cells))
+    nearest = np.floor(position + 0.5)
+    if abs(position - nearest) < ON_NODE:
+        position = nearest
+    node = int(position) if position > 0.0 else 0  # NaN has no node
+    return node, position - node
 
 
-def cof_scalar(surface: Surface, frequency_hz: float, voltage_v: float, normal_force_n: float) -> float:
-    """Friction at one point; clamped to the surface."""
-    return kernels.cof_one(surface.axes, surface.cof, frequency_hz, voltage_v, normal_force_n)
+@kernel
+def at_voltage(surface: Surface, values: Array, place: Place, voltage_v: float) -> float:
+    """Values [f, n, v] at a place and a voltage."""
+    k, c = locate(surface.voltage_v, voltage_v)
+    if c == 0.0:
+        return at_node(values, place, k)
+    return between(at_node(values, place, k), at_node(values, place, k + 1), c)
 
 
-def invert(
-    surface: Surface,
-    target_cof: float,
-    frequency_hz: float,
-    normal_force_n: float,
-    voltage_cap_v: float = np.inf,
-    current_cap_a: float = np.inf,
-) -> Inverse:
-    """The smallest voltage that gives `target_cof` at that frequency and load, clamped to what is reachable there.
-
-    The limits of the surface hold at its nodes; the caps hold at a frequency between them.
-    """
-    return Inverse(
-        *kernels.invert_one(*surface, target_cof, frequency_hz, normal_force_n, voltage_cap_v, current_cap_a)
-    )
+@kernel
+def at_node(values: Array, place: Place, k: int) -> float:
+    """Values [f, n, v] at a place and a node of voltage."""
+    i, a, j, b = place
+    i1, j1 = i + (a > 0.0), j + (b > 0.0)
+    return between(between(values[i, j, k], values[i, j1, k], b), between(values[i1, j, k], values[i1, j1, k], b), a)
 
 
-def stuck_current_a_per_v(surface: Surface, frequency_hz: float) -> float:
-    """Worst-case finger current per volt, between nodes as `invert` gives it."""
-    i, a = kernels.locate(surface.axes[LOG_FREQUENCY], np.log(frequency_hz))
-    return kernels.stuck_per_volt(surface.stuck_current_a_per_v, i, a)
-
-
-def best_frequency(
-    surface: Surface, target_cof: float, normal_force_n: float, first: int, stop: int, merit: int
-) -> int:
-    """Index of the node in first..stop with most authority, or that reaches the target with least volts or current.
-
-    Where no node reaches the target, the one with most authority.
-    """
-    return kernels.best_frequency(*surface, highest_cof(surface), target_cof, normal_force_n, first, stop, merit)
-
-
-def highest_cof(surface: Surface) -> Array:
-    """The most friction at every frequency and load, as `kernels.highest_cof` lays it out for a quick search."""
-    frequencies, loads, _ = surface.cof.shape
-    highest = np.empty((loads - 1, frequencies, 2))
-    kernels.highest_cof(surface.axes, surface.cof, surface.voltage_limit_v, highest)
-    return highest
+@kernel
+def between(first: float, second: float, share: float) -> float:
+    """Some share of the way from one number to another."""
+    return (1.0 - share) * first + share * second

@@ -92,7 +92,7 @@ def target(texture: Target, finger: FingerState) -> TargetFriction:
     if not finger.in_contact:
         return NO_TARGET
     cof = texture.cof_under(finger)
-    return NO_TARGET if math.isnan(cof) else TargetFriction(cof, active=True)
+    return NO_TARGET if math.isnan(cof) else TargetFriction(float(cof), active=True)
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Uniform(Texture):
         return self.cof
 
     def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-        return np.full(x_m.shape, self.cof)
+        return np.full(x_m.shape, self.cof, dtype=float)
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ import pytest
 
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
+from haptic_driver.render.feedback import FeedbackSettings
 from haptic_driver.render.finger import FingerSettings
-from haptic_driver.render.kernels import FeedbackSettings
 from haptic_driver.render.texture import Profile, Uniform
 from haptic_driver.render.tick import TickSettings
 from haptic_driver.simulated_rig import SimulatedRig, friction_of

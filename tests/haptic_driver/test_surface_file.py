@@ -11,7 +11,7 @@ import pytest
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.limits import OperatingLimits
-from haptic_driver.render.surface import cof_scalar, invert
+from haptic_driver.render.surface import NO_CAPS, cof_at, invert
 from haptic_driver.surface_file import CofInterval, cof_interval_at, read_surface, ready_for_lookup
 
 NUMBERS = ("frequency_hz", "voltage_v", "normal_force_n", "cof", "electrostatic_force_n", "current_rms_a")
@@ -265,16 +265,16 @@ def test_nothing_beyond_a_forbidden_island_is_offered(make_file):
     """Allowed again above 60 V, but the way there leads through 40 to 60 V."""
     theory = at(np.ones(SHAPE, bool), False, 1, slice(4, 7), slice(None))
     surface = ready_for_lookup(make_file(FREQUENCY, FORCE, VOLTAGE, within_theory=theory), WIDE)
-    island = invert(surface, math.inf, float(FREQUENCY[1]), 0.5)
+    island = invert(surface, math.inf, float(FREQUENCY[1]), 0.5, NO_CAPS)
     assert island.voltage_v == pytest.approx(30.0)
     assert island.cof == pytest.approx(0.5 + 1e-4 * 30.0**2, abs=FRICTION_AT_NODE)
-    assert invert(surface, math.inf, float(FREQUENCY[2]), 0.5).voltage_v == pytest.approx(100.0)
+    assert invert(surface, math.inf, float(FREQUENCY[2]), 0.5, NO_CAPS).voltage_v == pytest.approx(100.0)
 
 
 def test_forbidden_already_without_voltage(make_file):
     theory = at(np.ones(SHAPE, bool), False, 1, slice(None), slice(None))
     surface = ready_for_lookup(make_file(FREQUENCY, FORCE, VOLTAGE, within_theory=theory), WIDE)
-    assert invert(surface, math.inf, float(FREQUENCY[1]), 0.5).voltage_v == 0.0
+    assert invert(surface, math.inf, float(FREQUENCY[1]), 0.5, NO_CAPS).voltage_v == 0.0
 
 
 def test_pulled_in_points_are_nan_and_end_the_range(make_file):
@@ -285,15 +285,15 @@ def test_pulled_in_points_are_nan_and_end_the_range(make_file):
     file = make_file(FREQUENCY, FORCE, VOLTAGE, pulled_in=pulled_in, within_theory=theory, **changed)
     surface = ready_for_lookup(file, WIDE)
     assert np.isfinite(surface.cof).all()
-    light = invert(surface, math.inf, float(FREQUENCY[2]), 0.1)
+    light = invert(surface, math.inf, float(FREQUENCY[2]), 0.1, NO_CAPS)
     assert light.voltage_v == pytest.approx(60.0)
     assert light.cof == pytest.approx(0.5 + 1e-4 * 60.0**2, abs=FRICTION_AT_NODE)
     for target in np.linspace(0.4, 2.0, 33).tolist():
         for force in (0.1, 0.15, 0.2714, 0.4, 2.0):
-            found = invert(surface, target, float(FREQUENCY[2]), force)
+            found = invert(surface, target, float(FREQUENCY[2]), force, NO_CAPS)
             assert np.isfinite(found).all()
             assert found.voltage_v <= 60.0 + 1e-9
-    assert cof_scalar(surface, float(FREQUENCY[2]), 60.0, 0.5) == pytest.approx(0.86, abs=FRICTION_AT_NODE)
+    assert cof_at(surface, float(FREQUENCY[2]), 60.0, 0.5) == pytest.approx(0.86, abs=FRICTION_AT_NODE)
 
 
 @pytest.mark.parametrize("mask", ["pulled_in", "within_theory"])
@@ -303,14 +303,14 @@ def test_each_mask_alone_forbids(make_file, mask):
     surface = ready_for_lookup(
         make_file(FREQUENCY, FORCE, VOLTAGE, **{mask: forbidden if mask == "pulled_in" else ~forbidden}), WIDE
     )
-    assert invert(surface, math.inf, 300.0, 0.5).voltage_v == pytest.approx(40.0)
+    assert invert(surface, math.inf, 300.0, 0.5, NO_CAPS).voltage_v == pytest.approx(40.0)
 
 
 def test_a_forbidden_force_forbids_the_forces_up_to_its_neighbours(make_file):
     theory = at(np.ones(SHAPE, bool), False, slice(None), slice(3, None), 0)
     surface = ready_for_lookup(make_file(FREQUENCY, FORCE, VOLTAGE, within_theory=theory), WIDE)
     for force, expected_v in ((0.1, 20.0), (0.15, 20.0), (0.26, 20.0), (0.5, 100.0), (2.0, 100.0)):
-        assert invert(surface, math.inf, 300.0, force).voltage_v == pytest.approx(expected_v), force
+        assert invert(surface, math.inf, 300.0, force, NO_CAPS).voltage_v == pytest.approx(expected_v), force
 
 
 def test_the_sliding_current_counts_too(make_file):
@@ -320,11 +320,11 @@ def test_the_sliding_current_counts_too(make_file):
     file = make_file(FREQUENCY, FORCE, VOLTAGE, current_rms_a=current, stuck_current_rms_a=stuck)
     public = OperatingLimits(voltage_v=1e3, frequency_low_hz=1.0, frequency_high_hz=1e6)
     # 0.5 mA at 10 uA/V: 50 V, and the last node that is not above it
-    assert invert(ready_for_lookup(file, public), math.inf, 100.0, 0.5).voltage_v == pytest.approx(50.0)
+    assert invert(ready_for_lookup(file, public), math.inf, 100.0, 0.5, NO_CAPS).voltage_v == pytest.approx(50.0)
 
 
 def test_the_rigs_limits_are_applied_and_not_those_of_the_file(make_file):
     file = make_file(FREQUENCY, FORCE, VOLTAGE, within_limits=np.zeros(SHAPE, bool))
     for allowed_v in (17.0, 83.0):
         surface = ready_for_lookup(file, replace(WIDE, voltage_v=allowed_v))
-        assert invert(surface, math.inf, 300.0, 0.5).voltage_v == pytest.approx(allowed_v, rel=1e-6)
+        assert invert(surface, math.inf, 300.0, 0.5, NO_CAPS).voltage_v == pytest.approx(allowed_v, rel=1e-6)

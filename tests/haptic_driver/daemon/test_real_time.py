@@ -70,7 +70,7 @@ def test_every_instant_is_served_once_or_missed_once(work_s):
 
 def test_an_instant_is_rehearsed_while_awake_before_it_and_never_late():
     clock = ManualClock(100.0)
-    beat = Metronome(1e-3, spin_s=220e-6, clock=clock, sleep_until=clock.sleep_until)
+    beat = Metronome(1e-3, spin_s=real_time.SPIN_S, clock=clock, sleep_until=clock.sleep_until)
     rehearsed = []
 
     def rehearse(due):

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import math
+import os
+import pickle
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from haptic_driver.config import load_rig
 from haptic_driver.daemon import set_up
+from haptic_driver.daemon.processes import Child
 from haptic_driver.daemon.real_time import Due
 from haptic_driver.daemon.render_process import Ramp, Renderer
 from haptic_driver.daemon.samples import Flag
-from haptic_driver.daemon.shared_state import NO_ORDER, Sensed, SharedState
+from haptic_driver.daemon.shared_state import NO_ORDER, Order, Sensed, SharedState
 from haptic_driver.render.texture import Uniform
 
 PERIOD_S = 0.001
@@ -280,3 +285,66 @@ def test_the_process_loads_neither_physics_nor_devices_nor_the_api():
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert "haptic_driver.render.tick" in loaded
     assert not [name for name in loaded if any(name == f or name.startswith(f + ".") for f in FORBIDDEN)]
+
+
+@pytest.fixture(scope="module")
+def envelope_settings(surface_file):
+    return set_up.render_settings(load_rig("simulated-envelope"), surface_file)
+
+
+AFTER_WARMING_UP = """
+import pickle, sys
+from haptic_driver.daemon.render_process import Renderer
+from haptic_driver.daemon.shared_state import SharedState
+from haptic_driver.render import compiled
+from tests.haptic_driver.daemon.test_render_process import story
+
+def forms():
+    return [len(kernel.signatures) for kernel in compiled._kernels]
+
+settings = pickle.load(sys.stdin.buffer)
+Renderer(settings, SharedState()).warm_up()
+compiled.refuse_to_compile()
+before = forms()
+story(settings, 1)
+assert forms() == before, "a kernel that warming up did not call"
+"""
+
+
+@pytest.mark.parametrize("rig", ["render_settings", "envelope_settings"])
+def test_warming_up_compiles_all_that_ticks_need(request, rig):
+    """In a process that refuses to compile more: a tick that had to would raise."""
+    given = pickle.dumps(request.getfixturevalue(rig))
+    done = subprocess.run([sys.executable, "-c", AFTER_WARMING_UP], input=given, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+
+
+class Single(Uniform):
+    """Friction in single precision, which no kernel was compiled for."""
+
+    def cof_along(self, finger, ahead_s):
+        return super().cof_along(finger, ahead_s).astype(np.float32)
+
+
+def test_a_tick_that_fails_leaves_zero_and_a_fault_behind(envelope_settings, shared):
+    """Here because it would have to compile: seconds of silence while output is on."""
+    child = Child(
+        "render", "haptic_driver.daemon.render_process", [shared.descriptor, os.getpid()],
+        given=pickle.dumps(envelope_settings), descriptors=[shared.descriptor],
+    )  # fmt: skip
+    child.ready(240.0)
+    shared.targets.write(1, Uniform(0.6))
+    shared.targets.write(2, Single(0.6))
+    was_on, until_s = False, time.monotonic() + 60.0
+    while child.ended is None and time.monotonic() < until_s:
+        now_s = time.monotonic()
+        was_on = was_on or shared.output.read().output_on
+        shared.sensed.write(Sensed(now_s, 0.03, 0.03, True, now_s, 0.5, 0.3, False))
+        shared.order.write(Order(1, 1, True, math.inf, now_s, 2 if was_on else 1))
+        time.sleep(0.005)
+    ended, output = child.ended, shared.output.read()
+    child.stop()
+    assert was_on
+    assert ended == "the render process ended with status 1"
+    assert (output.target, output.voltage_v, output.output_on) == (1, 0.0, False)
+    assert Flag.FAULT in Flag(output.flags)

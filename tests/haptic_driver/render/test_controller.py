@@ -1,6 +1,7 @@
 """The controller: what each policy chooses, that it does not hop, and that all it wants passes the gate."""
 
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -9,12 +10,24 @@ from hypothesis import strategies as st
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
-from haptic_driver.render import kernels
-from haptic_driver.render.controller import INITIAL, POLICIES, Controller, ControllerSettings, ControllerState
+from haptic_driver.render.controller import (
+    INITIAL,
+    MERIT_AUTHORITY,
+    MERIT_CURRENT,
+    MERIT_VOLTAGE,
+    POLICIES,
+    Control,
+    Controller,
+    ControllerSettings,
+    ControllerState,
+    best_node,
+    step,
+)
 from haptic_driver.render.correction import NO_CORRECTION
-from haptic_driver.render.kernels import FeedbackSettings
+from haptic_driver.render.feedback import FeedbackSettings
 from haptic_driver.render.safety import violation
-from haptic_driver.signals import FingerState, TargetFriction
+from haptic_driver.render.surface import NO_CAPS
+from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
 from haptic_driver.surface_file import ready_for_lookup
 from model.conditions import Conditions
 
@@ -29,7 +42,7 @@ def finger(normal_force_n=0.5):
 
 
 def ask(controller, cof, normal_force_n=0.5, state=INITIAL):
-    return controller.step(state, TargetFriction(cof, True), finger(normal_force_n))
+    return controller.step(state, TargetFriction(cof, True), finger(normal_force_n), NO_COMMAND)
 
 
 def make(surface, policy="max_authority", limits=WIDE, **settings):
@@ -68,6 +81,24 @@ def test_least_volts_and_least_current_are_those_of_trying_all(
     assert getattr(point, cost) == pytest.approx(tried.min(), rel=ON_SURFACE)
 
 
+@pytest.mark.parametrize("merit", [MERIT_AUTHORITY, MERIT_VOLTAGE, MERIT_CURRENT])
+def test_the_best_node_of_any_band_is_that_of_trying_all(surface, brute_force, rng, merit):
+    law = FeedbackSettings(0.0)
+    any_frequency = Control(surface, NO_CORRECTION, False, law, False, 0, 200, merit, 0.05, math.nan, NO_CAPS)
+    for _ in range(150):
+        first = int(rng.integers(0, 150))
+        stop = int(rng.integers(first + 1, 201))
+        target, force = float(rng.uniform(0.5, 1.8)), float(0.1 * 20.0 ** rng.uniform())
+        reach = brute_force(force, target)
+        index = best_node(any_frequency._replace(first=first, stop=stop, merit=merit), target, force)
+        assert first <= index < stop
+        cost = {MERIT_VOLTAGE: reach.voltage_v, MERIT_CURRENT: reach.current_rms_a, MERIT_AUTHORITY: -reach.cof_high}
+        reached = np.isfinite(cost[merit][first:stop]).any()
+        merit_used = cost[merit] if reached else cost[MERIT_AUTHORITY]
+        # equal to rounding: two neighbours may be as good as one another
+        assert merit_used[index] == pytest.approx(merit_used[first:stop].min(), rel=1e-9)
+
+
 def test_policies_differ_where_they_should(controllers):
     """Otherwise the comparisons above would hold for a controller that ignores its policy."""
     chosen = {policy: ask(controllers[policy], 0.515)[1] for policy in CHOOSING}
@@ -83,7 +114,7 @@ def test_fixed_frequency_is_exactly_the_one_asked_for(surface, touch, frequency)
     target = 0.5 * (low + high)
     state, point = ask(controller, target)
     assert point.frequency_hz == frequency
-    assert state == ControllerState(frequency)
+    assert state.frequency_hz == frequency
     assert point.reachable
     answer = touch.predict(Conditions(*(np.array([x]) for x in (frequency, point.voltage_v, 0.5))))
     assert answer.cof[0] == pytest.approx(target, rel=1e-3)  # the inversion's promise
@@ -177,8 +208,8 @@ def test_history_does_not_spoil_the_nearest_reachable_friction(controllers, poli
 @pytest.mark.parametrize("policy", CHOOSING)
 def test_nothing_asked_or_no_load_is_zero_volts(controllers, policy, target, force):
     state, _ = ask(controllers[policy], 0.6)
-    after, point = controllers[policy].step(state, target, finger(force))
-    assert after == state
+    after, point = controllers[policy].step(state, target, finger(force), NO_COMMAND)
+    assert after.frequency_hz == state.frequency_hz
     assert (point.voltage_v, point.current_rms_a, point.stuck_current_rms_a) == (0.0, 0.0, 0.0)
     assert point.frequency_hz == state.frequency_hz
 
@@ -261,7 +292,7 @@ def rigs(surface_file):
 )
 def test_every_point_passes_the_gate(rigs, surface_file, rig, policy, cof, force, present):
     limits, ready = rigs[rig]
-    before = ControllerState(None if present is None else float(surface_file.frequency_hz[present]))
+    before = ControllerState(math.nan if present is None else float(surface_file.frequency_hz[present]))
     _, point = ask(make(ready, policy), cof, force, before)
     assert violation(limits, point) is None
 
@@ -301,13 +332,14 @@ def test_settings_without_a_frequency_to_use_are_refused(surface, settings, code
     assert words in refused.value.hint
 
 
-def test_the_kernel_is_compiled_once_for_all_rigs(surface):
+def test_the_stage_is_compiled_once_for_all_rigs(surface):
     """However their arrays lie in memory: a daemon that compiles at its start takes many times as long."""
-    ask(make(surface), 0.6)
-    forms = list(kernels.control.signatures)
+    state, _ = ask(make(surface), 0.6)
+    forms = list(step.signatures)
     turned = NO_CORRECTION._replace(gain_factor=np.ones((2, 2, 2, 2)).transpose(1, 0, 3, 2)[:, ::-1])
     read_only = surface.cof.copy()
     read_only.setflags(write=False)
-    ask(make(surface._replace(cof=read_only), correction=turned, feedback=FeedbackSettings(0.05)), 0.6)
-    ask(make(surface._replace(cof=np.asfortranarray(surface.cof)), "fixed_frequency", fixed_frequency_hz=250.0), 0.6)
-    assert kernels.control.signatures == forms
+    ask(make(surface._replace(cof=read_only), correction=turned, feedback=FeedbackSettings(0.05)), 0.6, state=state)
+    fixed = make(surface._replace(cof=np.asfortranarray(surface.cof)), "fixed_frequency", fixed_frequency_hz=250)
+    ask(pickle.loads(pickle.dumps(fixed)), 0.6)  # as the daemon sends it to render
+    assert step.signatures == forms

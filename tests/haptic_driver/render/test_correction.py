@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
-from haptic_driver.signals import FingerState, TargetFriction
+from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
 from haptic_driver.surface_builder import SurfaceAxes, build_surface
 from haptic_driver.surface_file import read_surface, ready_for_lookup
 from model.conditions import Conditions
@@ -51,7 +51,7 @@ def test_the_target_is_met_at_any_speed_and_time(model_description, limits, name
             for force in (0.2, 0.5, 1.2):
                 for target in (0.55, 0.65, 0.8):
                     here = finger(speed, time_s, force)
-                    _, point = controller.step(INITIAL, TargetFriction(target, True), here)
+                    _, point = controller.step(INITIAL, TargetFriction(target, True), here, NO_COMMAND)
                     if not point.reachable:
                         continue
                     reached += 1

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from haptic_driver.errors import BadInputError
 from haptic_driver.render import feedback
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
-from haptic_driver.render.kernels import LONGEST_STEP_S, READING_TIME, Estimate, FeedbackSettings, in_force
+from haptic_driver.render.feedback import LONGEST_STEP_S, FeedbackSettings, in_force
 from haptic_driver.render.safety import violation
-from haptic_driver.signals import DriveCommand, FingerState, TargetFriction
+from haptic_driver.signals import NO_COMMAND, DriveCommand, FingerState, TargetFriction
 from model.conditions import Conditions
 
 LAW = FeedbackSettings(latency_s=0.02)
@@ -57,9 +57,9 @@ def taught(controller, typical_n):
 def test_a_steady_finger_is_known(taught):
     known = taught.estimate
     assert known.gain == pytest.approx(1.3, rel=0.01)  # 3 mN of noise, averaged over 100 readings
-    assert known.learning == 1.0
-    assert known.at_limit == 0.0
-    assert known.off_variance < FeedbackSettings(0.0).deviation ** 2
+    assert known.learning
+    assert not known.at_limit
+    assert known.gains.off_variance < FeedbackSettings(0.0).deviation ** 2
 
 
 def test_the_rate_of_a_finger_that_stays_as_it_is_goes_to_zero(controller, taught, typical_n, rng):
@@ -90,8 +90,8 @@ def test_nothing_is_learnt_while_it(controller, taught, typical_n, rng, why):
     after = run(controller, [(0.1, changed)], taught, start=500)  # at most one reading that may count
     ticks = [(stuck, changed)] * 300 if stuck is not None else noisy(rng, 0.1, 300, **changed)
     later = run(controller, ticks, after, start=501).estimate
-    assert (later.off_gain, later.rise_gain) == (after.estimate.off_gain, after.estimate.rise_gain)
-    assert later.learning == 0.0
+    assert later.gains[:2] == after.estimate.gains[:2]
+    assert not later.learning
 
 
 def test_a_stroke_must_be_on_its_way_before_it_teaches(controller, taught, rng):
@@ -109,25 +109,23 @@ def test_a_ramp_of_the_output_teaches_nothing(controller, taught):
         ramp = DriveCommand(250.0, min(20.0 + 10.0 * (k - 502), 140.0), output_on=True)
         state, _ = controller.step(state, TargetFriction(0.7, True), finger(k, 0.1 + 1e-6 * k), ramp)
         if 524 <= k <= 532:
-            assert state.estimate.learning == 0.0
+            assert not state.estimate.learning
 
 
 def test_a_change_of_the_carrier_teaches_nothing(controller, taught):
-    state = taught
+    state, other = taught, DriveCommand(300.0, 80.0, output_on=True)
     for k in range(500, 560):
-        state, _ = controller.step(
-            state, TargetFriction(0.7, True), finger(k, 0.1 + 1e-6 * k), DriveCommand(300.0, 80.0, output_on=True)
-        )
+        state, _ = controller.step(state, TargetFriction(0.7, True), finger(k, 0.1 + 1e-6 * k), other)
         if 512 <= k <= 528:  # the change, 20 ms ago, is within 10 ms
-            assert state.estimate.learning == 0.0
+            assert not state.estimate.learning
 
 
 def test_off_the_screen_what_was_known_fades(controller, taught):
     lifted = [(math.nan, {"in_contact": False, "normal_n": 0.0})] * 1
     state = run(controller, lifted, taught, start=500)
     later = run(controller, lifted, state, start=500 + round(1e3 * LAW.memory_s)).estimate
-    kept = (taught.estimate.off_gain - 1.0) * math.exp(-(LAW.memory_s + 1e-3) / LAW.memory_s)
-    assert later.off_gain - 1.0 == pytest.approx(kept, rel=1e-6)
+    kept = (taught.estimate.gains.off - 1.0) * math.exp(-(LAW.memory_s + 1e-3) / LAW.memory_s)
+    assert later.gains.off - 1.0 == pytest.approx(kept, rel=1e-6)
 
 
 def test_one_wild_reading_moves_little(controller, taught):
@@ -152,8 +150,8 @@ def test_whatever_is_felt_gains_stay_bounded_and_points_safe(surface, limits, fo
         assert violation(limits, point) is None
         applied = DriveCommand(point.frequency_hz, point.voltage_v, point.voltage_v > 0.0)
         known = state.estimate
-        assert all(LAW.lowest_gain <= g <= LAW.highest_gain for g in (known.off_gain, known.rise_gain, known.gain))
-        p, q, r = known.off_variance, known.covariance, known.rise_variance
+        assert all(LAW.lowest_gain <= g <= LAW.highest_gain for g in (*known.gains[:2], known.gain))
+        _, _, p, q, r = known.gains
         prior = LAW.deviation**2
         assert -1e-12 <= p <= prior + 1e-12
         assert -1e-12 <= r <= prior + 1e-12
@@ -162,7 +160,8 @@ def test_whatever_is_felt_gains_stay_bounded_and_points_safe(surface, limits, fo
 
 def test_an_unknown_finger_is_approached_from_below(controller, limits, surface):
     """With a reading but nothing learnt, one standard deviation more than expected is still within the target."""
-    _, bold = Controller(ControllerSettings(surface, limits)).step(INITIAL, TargetFriction(0.8, True), finger(0, 0.2))
+    plain = Controller(ControllerSettings(surface, limits))
+    _, bold = plain.step(INITIAL, TargetFriction(0.8, True), finger(0, 0.2), NO_COMMAND)
     state = run(controller, [(0.2, {"speed_m_s": 0.0})])
     _, careful = controller.step(state, TargetFriction(0.8, True), finger(1, 0.2001, speed_m_s=0.0), HELD)
     off, rise = 0.512, careful.cof - 0.512
@@ -173,29 +172,28 @@ def test_an_unknown_finger_is_approached_from_below(controller, limits, surface)
 
 def test_without_a_force_sensor_there_is_no_caution(controller, limits, surface):
     plain = Controller(ControllerSettings(surface, limits))
-    _, bold = plain.step(INITIAL, TargetFriction(0.8, True), finger(0, math.nan))
+    _, bold = plain.step(INITIAL, TargetFriction(0.8, True), finger(0, math.nan), NO_COMMAND)
     _, same = controller.step(INITIAL, TargetFriction(0.8, True), finger(0, math.nan), HELD)
     assert same == bold
 
 
 def test_a_step_changes_nothing_it_was_given(controller, taught):
-    known, commands = taught.feedback.known.copy(), taught.feedback.commands.copy()
+    commands = taught.commands.copy()
     run(controller, [(0.3, {})] * 5, taught, start=500)
-    np.testing.assert_array_equal(taught.feedback.known, known)
-    np.testing.assert_array_equal(taught.feedback.commands, commands)
+    np.testing.assert_array_equal(taught.commands, commands)
+    assert np.isnan(INITIAL.commands).all()
 
 
 def test_the_command_in_force_then():
-    commands = np.full((3, 8), np.nan)
-    commands[:, :4] = [[4.0, 3.0, 2.0, 1.0], [300.0, 250.0, 250.0, 250.0], [50.0, 40.0, 30.0, 20.0]]
+    commands = np.full((8, 3), np.nan)
+    commands[:4] = [[4.0, 300.0, 50.0], [3.0, 250.0, 40.0], [2.0, 250.0, 30.0], [1.0, 250.0, 20.0]]
     assert in_force(commands, 2.5, 0.1) == (250.0, 30.0, 30.0, 30.0, True)
     assert in_force(commands, 2.5, 0.6) == (250.0, 30.0, 20.0, 40.0, True)
-    assert in_force(commands, 3.5, 0.6)[4] == 0.0  # two carriers
+    assert not in_force(commands, 3.5, 0.6).steady  # two carriers
     assert in_force(commands, 0.5, 0.1)[1:4] == (0.0, 0.0, 0.0)  # before all commands
 
 
-def test_names_in_the_kernels_are_those_of_the_record():
-    assert Estimate._fields[READING_TIME] == "reading_time_s"
+def test_no_reading_teaches_for_longer_than_learning_takes():
     assert LAW.time_constant_s > LONGEST_STEP_S
 
 
@@ -215,4 +213,4 @@ def test_names_in_the_kernels_are_those_of_the_record():
 )
 def test_settings_without_meaning_are_refused(wrong):
     with pytest.raises(BadInputError):
-        feedback.initial(LAW._replace(**wrong))
+        feedback.checked(LAW._replace(**wrong))

@@ -1,0 +1,63 @@
+"""What compiles the stages: `kernel`, numba's njit with the options that all of them share.
+
+numba's own cache notices a change in the file of a kernel, not in the kernels, constants and records that it uses from
+other files. So the cache lives in a folder named by the hash of all these sources: whatever is edited, no stale machine
+code runs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+F = TypeVar("F", bound=Callable[..., object])
+
+_kernels: list[Any] = []
+
+
+def _cache_folder() -> Path:
+    """A folder of its own for each state of the sources, in `HAPTIC_CACHE_DIR` or else the user's cache."""
+    here = Path(__file__).parent
+    digest = hashlib.sha256()
+    for path in (*sorted(here.glob("*.py")), here.parent / "signals.py"):
+        digest.update(path.read_bytes())
+    users = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "haptic-driver"
+    return Path(os.environ.get("HAPTIC_CACHE_DIR") or users) / "kernels" / digest.hexdigest()[:16]
+
+
+_FOLDER = str(_cache_folder())
+
+
+def kernel(function: F) -> F:
+    """Compile `function` at its first call with arguments of these types, and keep the machine code on disk.
+
+    `nogil`: other threads go on meanwhile. `error_model`: x / 0 is inf or NaN, as in numpy, and never an exception.
+    """
+    config: Any = numba.config
+    before, config.CACHE_DIR = config.CACHE_DIR, _FOLDER
+    try:
+        compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    finally:
+        config.CACHE_DIR = before
+    _kernels.append(compiled)
+    return cast(F, compiled)
+
+
+def refuse_to_compile() -> None:
+    """From here on a kernel in use raises TypeError for arguments it was not compiled for: compiling takes seconds."""
+    for each in _kernels:
+        if each.signatures:
+            each.disable_compile()
+
+
+def laid_out(values: Array) -> Array:
+    """The same numbers laid out as kernels get them everywhere: another layout would be compiled for anew."""
+    return np.require(values, np.float64, ["C", "A", "W"])
