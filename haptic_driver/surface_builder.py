@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from math import prod
 
@@ -114,14 +115,18 @@ def build_surface(
             "limits": repr(limits),
             "waveform": "sine",
             **({} if interval is None else {"uncertainty": uncertainty.provenance(description)}),
-            "program": f"haptic-driver {version('haptic-driver')}",
-            "numpy": version("numpy"),
-            "scipy": version("scipy"),
+            **_programs(),
             "built_at": datetime.now(UTC).isoformat(timespec="seconds"),
         },
         correction=_correction(touch, axes),
         cof_interval=interval,
     )
+
+
+@cache
+def _programs() -> dict[str, str]:
+    names = ("haptic-driver", "numpy", "scipy")
+    return {"program": f"haptic-driver {version(names[0])}", **{name: version(name) for name in names[1:]}}
 
 
 def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:

@@ -13,6 +13,14 @@ from model.touch import SPEED_REFERENCE_M_S, Drive
 
 WAVEFORMS = ("sine", "square", "dc")
 SINE_MEAN_SQUARE = 0.5  # of amplitude 1 V; square waves and direct voltages have 1
+RANGES = {
+    "frequency_hz": (1e-3, 1e9, "Hz"),
+    "voltage_v": (0.0, 1e5, "V"),
+    "normal_force_n": (1e-4, 1e3, "N"),
+    "voltage_offset_v": (-1e5, 1e5, "V"),
+    "speed_m_s": (0.0, 10.0, "m/s"),
+    "time_s": (-1e9, 1e9, "s"),
+}
 UNDRIVEN_HZ = 250.0  # stands for the ignored frequency of rows without voltage
 
 
@@ -41,15 +49,16 @@ class Conditions:
             i = int(np.argmax(unknown))
             raise ModelError(f"row {i + 1}: waveform '{wave[i]}' is unknown", nearest(str(wave[i]), list(WAVEFORMS)))
         driven = np.asarray(self.voltage_v) != 0.0
-        _check(self.frequency_hz, 1e-3, 1e9, "frequency_hz", "Hz", driven & (wave != "dc"))
-        _check(self.voltage_v, 0.0, 1e5, "voltage_v", "V")
-        _check(self.normal_force_n, 1e-4, 1e3, "normal_force_n", "N")
-        if self.voltage_offset_v is not None:
-            _check(self.voltage_offset_v, -1e5, 1e5, "voltage_offset_v", "V")
-        if self.speed_m_s is not None:
-            _check(self.speed_m_s, 0.0, 10.0, "speed_m_s", "m/s")
-        if self.time_s is not None:
-            _check(self.time_s, -1e9, 1e9, "time_s", "s")
+        for name, (low, high, unit) in RANGES.items():
+            if (given := getattr(self, name)) is not None:
+                values = np.asarray(given, dtype=np.float64)
+                wrong = ~((values >= low) & (values <= high))
+                if name == "frequency_hz":
+                    wrong &= driven & (wave != "dc")
+                if wrong.any():
+                    i = int(np.argmax(wrong))
+                    said = f"row {i + 1}: {name} = {values[i]:g} is out of range"
+                    raise ModelError(said, f"It must lie in {low:g}..{high:g} {unit}")
 
     def drive(self) -> Drive:
         """The same as the model's first stage takes it."""
@@ -83,15 +92,3 @@ def sines(frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_
         speed_m_s=speed_m_s,
         time_s=time_s,
     )
-
-
-def _check(
-    values: Array, low: float, high: float, name: str, unit: str, where: NDArray[np.bool_] | None = None
-) -> None:
-    v = np.asarray(values, dtype=np.float64)
-    wrong = ~((v >= low) & (v <= high))
-    if where is not None:
-        wrong &= where
-    if wrong.any():
-        i = int(np.argmax(wrong))
-        raise ModelError(f"row {i + 1}: {name} = {v[i]:g} is out of range", f"It must lie in {low:g}..{high:g} {unit}")

@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, Literal
 
+from model.contact.roughness import SelfAffineShape
+
 FrictionLaw = Literal["applied_load", "total_load"]
 FRICTION_LAWS: tuple[FrictionLaw, ...] = ("applied_load", "total_load")
 
@@ -47,6 +49,17 @@ class TouchParameters:
         screen = (1.0 - self.screen_poisson_ratio**2) / self.screen_modulus_pa
         skin = (1.0 - self.skin_poisson_ratio**2) / self.skin_modulus_pa
         return 1.0 / (screen + skin)
+
+    @property
+    def pressure_scale_pa(self) -> float:
+        """Y* q0 h_rms, the unit of the contact theory's pressures."""
+        return self.effective_modulus_pa * self.roll_off_wavenumber_per_m * self.roughness_rms_m
+
+    @property
+    def roughness_shape(self) -> SelfAffineShape:
+        """What of the roughness is no scale."""
+        magnification = self.cut_off_wavenumber_per_m / self.roll_off_wavenumber_per_m
+        return SelfAffineShape(self.hurst_exponent, magnification, self.contact_gamma)
 
 
 SPECIFICATION = {f.name: f.metadata for f in fields(TouchParameters)}

@@ -21,9 +21,9 @@ from model.contact.gap_table import GapTable, axis, gap_nodes
 from model.contact.resolution import LOG_P_AXIS, LOG_U_AXIS
 from model.contact.roughness import contact_length_m
 from model.description import ModelDescription
-from model.electric.charges import Coefficients, Layers, coefficients
+from model.electric.charges import Coefficients, Layers, coefficients, constant_layers
 from model.electric.dielectrics import EPS0
-from model.electric.layers import branch
+from model.electric.layers import DC_FREQUENCY_HZ
 from model.parameters import TouchParameters
 from model.support.arrays import Array, ComplexArray, Mask
 from model.support.errors import ModelError
@@ -60,18 +60,10 @@ def complex_layers(description: ModelDescription, frequency_hz: Array, *, absolu
 
     Permittivities are relative, as printed, unless `absolute`.
     """
-    p, unit = description.values, EPS0 if absolute else 1.0
-    stack = branch(p, description.dielectric, frequency_hz)
-    return Layers(
-        insulator_thickness_m=p.insulator_thickness_m,
-        insulator_permittivity_f_per_m=unit * p.insulator_permittivity,
-        insulator_conductivity_s_per_m=p.insulator_conductivity_s_per_m,
-        air_permittivity_f_per_m=unit,
-        air_conductivity_s_per_m=p.air_conductivity_s_per_m,
-        skin_thickness_m=p.skin_thickness_m,
-        skin_permittivity_f_per_m=unit * stack.k_skin,
-        skin_conductivity_s_per_m=-stack.k_skin.imag * stack.omega * EPS0,
-    )
+    f = np.maximum(frequency_hz, DC_FREQUENCY_HZ)
+    skin = EPS0 * description.dielectric.permittivity(f)
+    layers = replace(constant_layers(description.values, description.dielectric, f), skin_permittivity_f_per_m=skin)
+    return layers if absolute else layers.relative
 
 
 def printed_coefficients(layers: Layers, gap_m: Array) -> Coefficients:
@@ -117,16 +109,13 @@ def solve(description: ModelDescription, table: GapTable, drive: Drive) -> Attra
     fields = dict(zip(vars(drive), np.broadcast_arrays(*vars(drive).values()), strict=True))
     frequency, voltage, load_n = (fields[name].ravel() for name in ("frequency_hz", "voltage_v", "normal_force_n"))
     load = load_n / p.contact_area_m2
-    scale = p.effective_modulus_pa * p.roll_off_wavenumber_per_m * p.roughness_rms_m
+    scale = p.pressure_scale_pa
     pressure, (negative, pulled_in) = np.empty(load.shape), np.zeros((2, load.size), bool)
     distinct, group = np.unique(frequency, return_inverse=True)
     sums = _stress_sums(description, table, distinct, scale)
     for i in range(distinct.size):
         here = group == i
-        gain = _Gain(
-            CubicSpline(axis(LOG_P_AXIS) + np.log(scale), sums[:, i]) if np.isfinite(sums[:, i]).all() else None
-        )
-        pressure[here], negative[here], pulled_in[here] = _equilibria(gain, voltage[here], load[here], scale)
+        pressure[here], negative[here], pulled_in[here] = _equilibria(sums[:, i], voltage[here], load[here], scale)
     force = pressure * p.contact_area_m2 * area_ratio(table.shape, (load + pressure) / scale)  # (30)
     lost = np.isnan(pressure) & ~negative
     diverged = force >= load_n if description.friction_law == "total_load" else np.zeros(load.shape, bool)
@@ -172,44 +161,33 @@ def _stress_sums(description: ModelDescription, table: GapTable, frequency_hz: A
         )
 
 
-@dataclass(frozen=True)
-class _Gain:
-    """(29) per V^2 at a total pressure in Pa; NaN everywhere where the sums are not finite."""
-
-    sums: CubicSpline | None
-
-    def at(self, pressure_pa: Array) -> Array:
-        if self.sums is None:
-            return np.full(np.shape(pressure_pa), np.nan)
-        s = self.sums(np.log(pressure_pa))
-        return np.asarray(0.5 * EPS0 * (s[..., 0] - 2.0 * s[..., 1] / pressure_pa + s[..., 2] / pressure_pa**2))
-
-
-def _equilibria(gain: _Gain, voltage_v: Array, load_pa: Array, scale: float) -> tuple[Array, Mask, Mask]:
+def _equilibria(sums: Array, voltage_v: Array, load_pa: Array, scale: float) -> tuple[Array, Mask, Mask]:
     """Lowest p_e = V^2 g(p0 + p_e) of each condition; where attraction is negative or undefined from the start.
 
-    Last, where there is none since V(p_e) turns back below this voltage.
+    Last, where there is none since V(p_e) turns back below this voltage. `sums` as of `_stress_sums`.
     """
-    square = voltage_v**2
-    low_end, high_end = scale * np.exp(LOG_P_AXIS[0]), scale * np.exp(LOG_P_AXIS[1])
-    inside = (load_pa >= low_end) & (load_pa <= high_end)
-    first = gain.at(np.where(inside, load_pa, low_end))
-    negative = (square > 0.0) & ~(first >= 0.0)
-    nodes = np.geomspace(low_end, high_end, PRESSURE_NODES)
-    gains = gain.at(nodes)
-    closed = load_pa[:, None] + square[:, None] * gains <= nodes  # attraction no longer outruns the pressure
+    square, log_p = voltage_v**2, axis(LOG_P_AXIS) + np.log(scale)
+    defined = 1.0 if np.isfinite(sums).all() else np.nan
+    of_log_p = CubicSpline(log_p, np.nan_to_num(sums, posinf=0.0, neginf=0.0))
+
+    def gain(p: Array) -> Array:
+        """(29) per V^2 at a total pressure in Pa."""
+        s = of_log_p(np.log(p))
+        return np.asarray(defined * 0.5 * EPS0 * (s[..., 0] - 2.0 * s[..., 1] / p + s[..., 2] / p**2))
+
+    nodes = np.geomspace(np.exp(log_p[0]), np.exp(log_p[-1]), PRESSURE_NODES)
+    inside = (load_pa >= nodes[0]) & (load_pa <= nodes[-1])
+    negative = inside & (square > 0.0) & ~(gain(np.where(inside, load_pa, nodes[0])) >= 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        needed = np.nan_to_num((nodes - load_pa[:, None]) / gain(nodes), nan=0.0)  # V^2
+    closed = load_pa[:, None] + square[:, None] * gain(nodes) <= nodes  # attraction no longer outruns the pressure
     closed &= nodes >= load_pa[:, None]
-    bracketed = closed.any(axis=1)
-    at = np.argmax(closed, axis=1)
-    high = nodes[at]
-    low = np.maximum(nodes[np.maximum(at - 1, 0)], load_pa)
+    found, at = closed.any(axis=1) & inside & ~negative, np.argmax(closed, axis=1)
+    low, high = np.maximum(nodes[np.maximum(at - 1, 0)], load_pa), nodes[at]
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        above = load_pa + square * gain.at(middle) <= middle
+        above = load_pa + square * gain(middle) <= middle
         low, high = np.where(above, low, middle), np.where(above, middle, high)
-    p_e = square * gain.at(high)
-    solved = np.where(inside & bracketed & ~negative, p_e, np.nan)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        needed = np.nan_to_num((nodes - load_pa[:, None]) / gains, nan=0.0)
-    pulled_in = inside & ~bracketed & ~negative & (np.argmax(needed, axis=1) < nodes.size - 1)
-    return np.where(inside & (square == 0.0), 0.0, solved), negative & inside, pulled_in
+    pressure = np.where(found, square * gain(high), np.nan)
+    pulled_in = inside & ~found & ~negative & (np.argmax(needed, axis=1) < nodes.size - 1)
+    return np.where(inside & (square == 0.0), 0.0, pressure), negative, pulled_in

@@ -21,7 +21,7 @@ from model.support.compiled import in_slices, kernel
 TOLERANCE = 1e-10  # of the total pressure
 CLOSE = 1e-6  # of the attraction: what such a step of the secant method leaves is of the order of 1e-10
 MOST_STEPS = 1000  # about five are taken, beside a turn of V(p_e) more
-MOST_GROWTH = 2.0  # of the pressure per step while no equilibrium has been bracketed
+MOST_GROWTH = 1.15  # of the pressure per step, less than from row to row of the table: no turn hides between two
 # A step much longer than what attraction exceeds the pressure by may pass a shallow turn of V(p_e); none is shorter
 # than this share of the pressure, or a turn would never be passed.
 STEEPEST, FINEST = 20.0, 1e-5
@@ -57,8 +57,8 @@ def equilibrium(table: TableArrays, circuit: GapCircuit, i: int) -> tuple[float,
     at the unattracted contact, less and less, so that the secant method comes up to the lowest equilibrium from below.
     Where it turns back before it has reached 1 the contact pulls in: that is the fold of V(p_e).
     """
-    base = circuit.load_pa[i] + circuit.added_pa[i]
-    p_min, p_max = pressures(circuit, i)
+    base, scale = circuit.load_pa[i] + circuit.added_pa[i], circuit.pressure_scale_pa[i]
+    p_min, p_max = scale * math.exp(LOG_P_AXIS[0]), scale * math.exp(LOG_P_AXIS[1])
     attracted = attraction(table, circuit, i, base)
     if not (p_min <= base <= p_max and math.isfinite(attracted)):
         return math.nan, False
@@ -86,13 +86,6 @@ def equilibrium(table: TableArrays, circuit: GapCircuit, i: int) -> tuple[float,
         step = min(step, max(STEEPEST * excess, FINEST * p))
         before, last, last_share, p = last, p, share, p + step
     return math.nan, False
-
-
-@kernel
-def pressures(circuit: GapCircuit, i: int) -> tuple[float, float]:
-    """The lowest and the highest total pressure of the table, for touch `i`."""
-    scale = circuit.pressure_scale_pa[i]
-    return scale * math.exp(LOG_P_AXIS[0]), scale * math.exp(LOG_P_AXIS[1])
 
 
 @kernel

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from model import friction, solver
 from model.conditions import Conditions, sines
 from model.contact.gap_table import GapTable, gap_table
-from model.contact.roughness import SelfAffineShape
 from model.description import ModelDescription
 from model.effects.base import Effect
 from model.electric import current
@@ -104,7 +103,6 @@ def _broadcast(
     parameters: TouchParameters, branches: Sequence[Branch], contact: Contact, laws: Friction, drive: Drive
 ) -> PreparedTouch:
     """Everything that the closed loop and the current need, one row per touch."""
-    modulus_pa = parameters.effective_modulus_pa * contact.modulus_factor
     by_branch = [
         {
             "h_m": b.h_m(parameters),
@@ -119,7 +117,7 @@ def _broadcast(
         for b in branches
     ]
     shared = {
-        "pressure_scale_pa": modulus_pa * parameters.roll_off_wavenumber_per_m * parameters.roughness_rms_m,
+        "pressure_scale_pa": parameters.pressure_scale_pa * contact.modulus_factor,
         "length_scale_m": parameters.roughness_rms_m,
         "gap_shift_m": contact.gap_shift_m,
         "load_pa": drive.normal_force_n / parameters.contact_area_m2,
@@ -129,12 +127,15 @@ def _broadcast(
     every = [value for fields in (vars(drive), shared, *by_branch) for value in fields.values()]
     shape = np.broadcast_shapes(*(np.shape(value) for value in every))
 
-    def rows(value: Values) -> Any:
-        return np.full(shape, value, np.result_type(value, np.float64)).ravel()
+    def rows(*values: Values) -> Any:
+        table = np.empty((*shape, len(values)), np.result_type(np.float64, *values))
+        for c, value in enumerate(values):
+            table[..., c] = value
+        return table.reshape(-1, len(values))
 
-    columns = {name: np.stack([rows(b[name]) for b in by_branch], axis=1) for name in by_branch[0]}
+    columns = {name: rows(*(b[name] for b in by_branch)) for name in by_branch[0]}
     omega, rms_v = columns.pop("omega"), columns.pop("rms_v")
-    circuit = GapCircuit(**{name: rows(value) for name, value in shared.items()}, **columns)
+    circuit = GapCircuit(**{name: rows(value).ravel() for name, value in shared.items()}, **columns)
     return PreparedTouch(circuit, omega, rms_v, laws, shape)
 
 
@@ -153,9 +154,7 @@ class TouchModel:
     @cached_property
     def table(self) -> GapTable:
         """The gap table of this finger's roughness shape (loaded or built at first use)."""
-        p = self.description.values
-        zeta1 = p.cut_off_wavenumber_per_m / p.roll_off_wavenumber_per_m
-        return gap_table(SelfAffineShape(p.hurst_exponent, zeta1, p.contact_gamma))
+        return gap_table(self.description.values.roughness_shape)
 
     def predict(self, conditions: Conditions) -> Prediction:
         """Force, friction and current of arbitrary conditions [n]."""

@@ -203,18 +203,8 @@ def _one_touch(
     )
     p = model.description.values
     touch = prepare(p, model.description.dielectric, model.description.effects, drive)
-    by_tone = touch.circuit
-    together = by_tone._replace(
-        **{name: getattr(by_tone, name)[:1] for name in _SHARED},
-        **{name: getattr(by_tone, name).T for name in _PER_BRANCH},
-    )
+    together = GapCircuit(*(x.T if x.ndim == 2 else x[:1] for x in touch.circuit))  # type: ignore[arg-type]
     return touch, together
-
-
-_PER_BRANCH = ("h_m", "k_gap", "bypass_per_m", "leak_per_m_pa", "mean_square_v2", "crest_square")
-_SHARED = (
-    "pressure_scale_pa", "length_scale_m", "gap_shift_m", "load_pa", "added_pa", "field_limit_v_per_m",
-)  # fmt: skip
 
 
 def _field_per_v(model: TouchModel, circuit: GapCircuit, pressure_pa: Array) -> tuple[ComplexArray, Array]:

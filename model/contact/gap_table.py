@@ -15,8 +15,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tempfile
 import zipfile
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -138,22 +138,21 @@ def _read(shape: SelfAffineShape, path: Path) -> GapTable | None:
             values, mass = file["values"], file["mass"]
     except (OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile):
         return None
-    if values.dtype != np.float64 or mass.dtype != np.float64:
-        return None
-    expected = (LOG_P_AXIS[2], LOG_Z_AXIS[2], ANGLE_AXIS[2], 3), (LOG_P_AXIS[2], gap_nodes().size)
-    sound = (values.shape, mass.shape) == expected and np.isfinite(values).all() and np.isfinite(mass).all()
-    return GapTable(shape, values, mass) if sound else None
+    shapes = (LOG_P_AXIS[2], LOG_Z_AXIS[2], ANGLE_AXIS[2], 3), (LOG_P_AXIS[2], gap_nodes().size)
+    for numbers, expected in zip((values, mass), shapes, strict=True):
+        if numbers.dtype != np.float64 or numbers.shape != expected or not np.isfinite(numbers).all():
+            return None
+    return GapTable(shape, values, mass)
 
 
 def _write(path: Path, table: GapTable) -> None:
     """Atomically, so that two processes may build at once; a cache that cannot be written is done without."""
-    part = None
-    try:
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        with os.fdopen(handle, "wb") as stream:
-            np.savez(stream, values=table.values, mass=table.mass)
-        os.replace(part, path)
-    except OSError:
-        if part is not None:
-            Path(part).unlink(missing_ok=True)
+        try:
+            with part.open("wb") as stream:
+                np.savez(stream, values=table.values, mass=table.mass)
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)

@@ -40,16 +40,6 @@ class Proof:
     interval: tuple[float, float]
     inclusion: float
 
-    @property
-    def before_mean(self) -> float:
-        """Held-out squared error per point of the base model."""
-        return float(np.mean(self.before)) if self.before.size else float("nan")
-
-    @property
-    def after_mean(self) -> float:
-        """The same of the chosen model."""
-        return float(np.mean(self.after)) if self.after.size else float("nan")
-
 
 def prove(
     description: ModelDescription,

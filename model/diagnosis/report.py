@@ -31,6 +31,7 @@ from model.diagnosis.where import Disagreement, Region
 from model.diagnosis.workflow import Diagnosis
 from model.effects import BY_NAME, CATALOGUE
 from model.parameters import Parameter
+from model.support.arrays import Array
 
 Record = dict[str, Any]
 CANDIDATES = 8  # listed with their fits
@@ -51,8 +52,8 @@ def report(diagnosis: Diagnosis, description: ModelDescription, model_path: str)
         "fit": {
             "chi2_per_point": fit,
             "held_out_chi2_per_point": {
-                "before": None if proof is None else proof.before_mean,
-                "after": None if proof is None else proof.after_mean,
+                "before": None if proof is None else _mean(proof.before),
+                "after": None if proof is None else _mean(proof.after),
             },
             "gap_closed": None if proof is None else proof.gap_closed,
             "gap_closed_interval": [None, None] if proof is None else list(proof.interval),
@@ -252,6 +253,10 @@ def _not_tested(diagnosis: Diagnosis, description: ModelDescription) -> list[Rec
         }
         for name in diagnosis.weighed.untestable
     ]
+
+
+def _mean(values: Array) -> float:
+    return float(np.mean(values)) if values.size else float("nan")
 
 
 def _suspects(diagnosis: Diagnosis) -> list[str]:

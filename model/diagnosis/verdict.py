@@ -105,8 +105,7 @@ class Weighed:
 
 def _normalised(logs: dict[str, float]) -> dict[str, float]:
     total = logsumexp(list(logs.values()))
-    ordered = sorted(logs.items(), key=lambda item: -item[1])
-    return {name: float(np.exp(value - total)) for name, value in ordered}
+    return _shares({name: float(np.exp(value - total)) for name, value in logs.items()})
 
 
 def adequate(candidate: Candidate, lack_of_fit_p: float) -> bool:

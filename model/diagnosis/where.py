@@ -102,7 +102,9 @@ def _ranges(data: Measurements, name: str) -> list[tuple[float, float, Mask]]:
     levels = np.unique(values[allowed])
     bins = BINS.get(name, OTHER_BINS)
     groups = (
-        np.array_split(levels, min(bins, levels.size)) if levels.size <= 2 * bins else _quantiles(values[allowed], bins)
+        np.array_split(levels, min(bins, levels.size))
+        if levels.size <= 2 * bins
+        else np.array_split(np.sort(values[allowed]), bins)
     )
     edges = [(float(g[0]), float(g[-1])) for g in groups if len(g)]
     found = []
@@ -111,10 +113,6 @@ def _ranges(data: Measurements, name: str) -> list[tuple[float, float, Mask]]:
             low, high = edges[i][0], edges[j - 1][1]
             found.append((low, high, allowed & (values >= low) & (values <= high)))
     return found
-
-
-def _quantiles(values: Array, bins: int) -> list[Array]:
-    return list(np.array_split(np.sort(values), bins))
 
 
 def _scan(

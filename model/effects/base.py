@@ -40,36 +40,24 @@ class EffectParameter:
 
     def from_normal(self, x: Values) -> Values:
         """The value that lies `x` prior standard deviations from the median, kept within the bounds."""
-        value = (
-            self.median * np.exp(np.clip(self.std * x, -80.0, 80.0))
-            if self.scale == "log"
-            else self.median + self.std * x
-        )
+        away = self.std * x
+        value = self.median * np.exp(np.clip(away, -80.0, 80.0)) if self.scale == "log" else self.median + away
         return np.clip(value, self.low, self.high)
 
 
 def log_parameter(unit: str, median: float, factor: float, bounds: tuple[float, float], off: float) -> Any:
     """A positive parameter known to a `factor` (one standard deviation)."""
-    low, high = bounds
-    return field(
-        metadata={
-            "unit": unit,
-            "scale": "log",
-            "median": median,
-            "std": float(np.log(factor)),
-            "low": low,
-            "high": high,
-            "off": off,
-        }
-    )
+    return _parameter("log", unit, median, float(np.log(factor)), bounds, off)
 
 
 def linear_parameter(unit: str, median: float, std: float, bounds: tuple[float, float], off: float) -> Any:
     """A parameter of either sign."""
-    low, high = bounds
-    return field(
-        metadata={"unit": unit, "scale": "linear", "median": median, "std": std, "low": low, "high": high, "off": off}
-    )
+    return _parameter("linear", unit, median, std, bounds, off)
+
+
+def _parameter(scale: Scale, unit: str, median: float, std: float, bounds: tuple[float, float], off: float) -> Any:
+    known = {"scale": scale, "unit": unit, "median": median, "std": std, "off": off}
+    return field(metadata=known | dict(zip(("low", "high"), bounds, strict=True)))
 
 
 @dataclass(frozen=True)

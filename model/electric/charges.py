@@ -8,8 +8,7 @@ equations.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import pi
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,6 +36,12 @@ class Layers:
     skin_permittivity_f_per_m: Values
     skin_conductivity_s_per_m: Values
     contact_conductance_s_per_m2: Values = 0.0
+
+    @property
+    def relative(self) -> Layers:
+        """With relative permittivities, as (4)-(26) are printed where the laws have absolute ones (slip 6)."""
+        names = [name for name in vars(self) if "permittivity" in name]
+        return replace(self, **{name: getattr(self, name) / EPS0 for name in names})
 
     def elastances(self, gap_m: Values) -> tuple[Values, Values, Values]:
         """Thickness over permittivity of insulator, gap and skin, m^2/F."""
@@ -101,16 +106,11 @@ class Transient:
         return np.asarray(0.5 * EPS0 * self.fields.gap**2)
 
 
-def constant_layers(
-    parameters: TouchParameters,
-    dielectric: Dielectric,
-    dielectric_at_hz: float,
-    contact_conductance_s_per_m2: float = 0.0,
-) -> Layers:
+def constant_layers(parameters: TouchParameters, dielectric: Dielectric, dielectric_at_hz: Values) -> Layers:
     """The layers with the skin's permittivity and total conductivity at `dielectric_at_hz`, whatever is driven."""
-    if not (np.isfinite(dielectric_at_hz) and dielectric_at_hz > 0.0):
+    p, at = parameters, np.asarray(dielectric_at_hz, dtype=np.float64)
+    if not (np.isfinite(at) & (at > 0.0)).all():
         raise ModelError(f"dielectric_at_hz = {dielectric_at_hz:g} is no frequency", "Give a number above 0 in Hz")
-    p, at = parameters, np.array([dielectric_at_hz])
     k_skin = dielectric.permittivity(at)
     return Layers(
         insulator_thickness_m=p.insulator_thickness_m,
@@ -119,9 +119,8 @@ def constant_layers(
         air_permittivity_f_per_m=EPS0,
         air_conductivity_s_per_m=p.air_conductivity_s_per_m,
         skin_thickness_m=p.skin_thickness_m,
-        skin_permittivity_f_per_m=EPS0 * float(k_skin.real[0]),
-        skin_conductivity_s_per_m=float(total_conductivity_s_per_m(k_skin, at)[0]),
-        contact_conductance_s_per_m2=contact_conductance_s_per_m2,
+        skin_permittivity_f_per_m=EPS0 * k_skin.real,
+        skin_conductivity_s_per_m=total_conductivity_s_per_m(k_skin, at),
     )
 
 
@@ -232,8 +231,3 @@ def _phi2(x: Array) -> Array:
     safe = np.where(x > SERIES_BELOW, x, 1.0)
     series = 1 / 2 - x * (1 / 6 - x * (1 / 24 - x * (1 / 120 - x * (1 / 720 - x / 5040))))
     return np.where(x > SERIES_BELOW, (1.0 - _phi1(safe)) / safe, series)
-
-
-def sine(amplitude_v: float, frequency_hz: float, time_s: Array) -> Array:
-    """V0 cos(w t), the drive of (34)-(35)."""
-    return np.asarray(amplitude_v * np.cos(2.0 * pi * frequency_hz * time_s))

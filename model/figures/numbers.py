@@ -12,15 +12,13 @@ from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from model.conditions import Conditions
 from model.contact.gap_distribution import area_ratio, mean_gap
-from model.contact.roughness import SelfAffineShape
 from model.description import ModelDescription
-from model.electric.charges import Layers, coefficients, constant_layers, simulate
+from model.electric.charges import coefficients, constant_layers, simulate
 from model.electric.closed_forms import closed_form
-from model.electric.dielectrics import EPS0, Dielectric, total_conductivity_s_per_m
+from model.electric.dielectrics import EPS0, Dielectric
 from model.electric.layers import leak_conductance_per_pa
 from model.parameters import TouchParameters
 from model.published import as_published, complex_layers, printed_coefficients
@@ -45,7 +43,6 @@ CHANGED = {
     "skin_modulus_pa": "Y₂, skin's Young's modulus",
 }
 CHANGE = 0.5  # Fig. 8
-GAP_NODES = 97
 ELASTICITY_STEP = 0.01  # of the central difference; halving it moves no elasticity by 1e-3
 
 
@@ -78,26 +75,14 @@ def touching(model: TouchModel, frequency_hz: Array, voltage_v: Array | float = 
     pressure_pa = found.electrostatic_force_n / p.contact_area_m2
     if model.description.is_published:  # whose force is not the pressure times the nominal area (30)
         pressure_pa = solve_published(model.description, model.table, conditions.drive()).pressure_pa
-    p_hat = _total_pressure_pa(p, pressure_pa) / _pressure_scale_pa(p)
-    gap_m = _mean_gaps(model.table.shape, p_hat) * p.roughness_rms_m
+    p_hat = _total_pressure_pa(p, pressure_pa) / p.pressure_scale_pa
+    gap_m = p.roughness_rms_m * np.array([mean_gap(model.table.shape, x) if x > 0.0 else np.nan for x in p_hat])
     columns = (found.electrostatic_force_n, found.cof, pressure_pa, gap_m, area_ratio(model.table.shape, p_hat))
     return Touching(*(np.asarray(c).reshape(f.shape) for c in columns))
 
 
-def _mean_gaps(shape: SelfAffineShape, p_hat: Array) -> Array:
-    """`mean_gap` of many pressures: a spline in log p through `GAP_NODES` of them, good to 1e-6 of h_rms."""
-    known = p_hat[np.isfinite(p_hat)]
-    nodes = np.geomspace(0.999 * known.min(), 1.001 * known.max(), GAP_NODES)
-    spline = CubicSpline(np.log(nodes), [mean_gap(shape, node) for node in nodes], extrapolate=False)
-    return np.asarray(spline(np.log(p_hat)))
-
-
 def _total_pressure_pa(p: TouchParameters, electrostatic_pa: Array) -> Array:
     return np.asarray(NORMAL_FORCE_N / p.contact_area_m2 + electrostatic_pa)
-
-
-def _pressure_scale_pa(p: TouchParameters) -> float:
-    return p.effective_modulus_pa * p.roll_off_wavenumber_per_m * p.roughness_rms_m
 
 
 def against_voltage(models: Mapping[str, TouchModel]) -> dict[str, Touching]:
@@ -138,22 +123,12 @@ def charges_after_step(models: Mapping[str, TouchModel]) -> dict[str, Charges]:
     layers = constant_layers(description.values, description.dielectric, DIELECTRIC_AT_HZ)
     step = np.ones_like(STEP_TIME_S)
     right = simulate(layers, gaps["corrected"], STEP_TIME_S, step)
-    coefficients_as_printed = printed_coefficients(_relative(layers), gaps["published"])
+    coefficients_as_printed = printed_coefficients(layers.relative, gaps["published"])
     printed = closed_form(coefficients_as_printed, 0.0, printed=True).charges(PRINTED_TIME_S[:, None])
     return {
         "corrected": Charges(STEP_TIME_S, right.rho1_c_per_m2 * volts, right.rho2_c_per_m2 * volts),
         "published": Charges(PRINTED_TIME_S, EPS0 * printed[0] * volts, EPS0 * printed[1] * volts),
     }
-
-
-def _relative(layers: Layers) -> Layers:
-    """The permittivities of Table I where the laws have absolute ones (slip 6)."""
-    return replace(
-        layers,
-        insulator_permittivity_f_per_m=layers.insulator_permittivity_f_per_m / EPS0,
-        air_permittivity_f_per_m=layers.air_permittivity_f_per_m / EPS0,
-        skin_permittivity_f_per_m=layers.skin_permittivity_f_per_m / EPS0,
-    )
 
 
 def steady_charges(models: Mapping[str, TouchModel]) -> dict[str, Charges]:
@@ -162,8 +137,8 @@ def steady_charges(models: Mapping[str, TouchModel]) -> dict[str, Charges]:
     `with_leak` has the contact conductance beside the gap, as the force has it; the paper's charges have none.
     """
     solved = against_frequency(models)
-    layers = _layers_at(models["corrected"].description, SWEEP_HZ)
-    p = models["corrected"].description.values
+    p, dielectric = models["corrected"].description.values, models["corrected"].description.dielectric
+    layers = constant_layers(p, dielectric, SWEEP_HZ)
     leak = leak_conductance_per_pa(p, layers.skin_conductivity_s_per_m)
     leaking = replace(
         layers, contact_conductance_s_per_m2=leak * _total_pressure_pa(p, solved["corrected"].pressure_pa)
@@ -180,17 +155,6 @@ def steady_charges(models: Mapping[str, TouchModel]) -> dict[str, Charges]:
         rho1, rho2 = (unit * VOLTAGE_V * np.abs(rho) for rho in system.response(2j * pi * SWEEP_HZ))
         found[name] = Charges(SWEEP_HZ, rho1, rho2)
     return found
-
-
-def _layers_at(description: ModelDescription, frequency_hz: Array) -> Layers:
-    """Constants of the layers at each frequency: a steady sine needs no others."""
-    k_skin = description.dielectric.permittivity(frequency_hz)
-    at_one = constant_layers(description.values, description.dielectric, DIELECTRIC_AT_HZ)
-    return replace(
-        at_one,
-        skin_permittivity_f_per_m=EPS0 * k_skin.real,
-        skin_conductivity_s_per_m=total_conductivity_s_per_m(k_skin, frequency_hz),
-    )
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from model.contact.gap_table import gap_integrals, gap_mass, gap_nodes
-from model.electric.charges import Layers, coefficients, constant_layers, fields, simulate, sine
+from model.electric.charges import Layers, coefficients, constant_layers, fields, simulate
 from model.electric.closed_forms import closed_form
 from model.electric.dielectrics import EPS0
 from model.solver import solve
@@ -16,6 +16,11 @@ from model.support.errors import ModelError
 FINGERS = ("reference", "table1")
 GAP_M = np.array([1e-8, 1e-6, 44e-6])
 KEY_HZ, KEY_V = 250.0, 75.0
+
+
+def sine(amplitude_v: float, frequency_hz: float, time_s: np.ndarray) -> np.ndarray:
+    """V0 cos(w t), the drive of (34)-(35)."""
+    return amplitude_v * np.cos(2.0 * np.pi * frequency_hz * time_s)
 
 
 def steady_charges(layers: Layers, gap_m: np.ndarray, voltage_v: float) -> tuple[np.ndarray, np.ndarray]:
@@ -46,7 +51,7 @@ def layers_of(models):
 
     def of(name: str = "reference", at_hz: float = KEY_HZ, alpha: float = 0.0) -> Layers:
         d = models[name].description
-        return constant_layers(d.values, d.dielectric, at_hz, alpha)
+        return replace(constant_layers(d.values, d.dielectric, at_hz), contact_conductance_s_per_m2=alpha)
 
     return of
 
