@@ -20,6 +20,7 @@ from haptic_driver.surface_file import ready_for_lookup
 
 TICKS = 2_000
 TICK_S, RATE_HZ = 1e-3, 50e3
+WANTED = 20.0  # times real time: a twentieth of a tick, of which the whole may take a tenth
 
 
 def run() -> Iterator[Claim]:
@@ -49,7 +50,7 @@ def run() -> Iterator[Claim]:
     ratio = TICK_S / each_s
     yield Claim(
         f"envelope at {RATE_HZ:g} samples/s, friction to samples, a call per tick, one core",
-        f"{ratio:.0f} x real time ({1e6 * each_s:.1f} us per ms)", "at least 100 x", ratio >= 100.0,
+        f"{ratio:.0f} x real time ({1e6 * each_s:.1f} us per ms)", f"at least {WANTED:g} x", ratio >= WANTED,
     )  # fmt: skip
     each_s = seconds(lambda: [from_texture() for _ in range(TICKS)]) / TICKS
     assert samples_v.max() > 0.0
