@@ -19,7 +19,7 @@ demo: .venv/.runtime
 	$(BIN)/haptic demo --out out/demo
 
 demo-diagnosis: .venv/.runtime
-	$(BIN)/python -m haptic_driver.experiments.closed_loop --out out/demo-diagnosis
+	$(BIN)/python -m haptic_driver.cli.demo_diagnosis --out out/demo-diagnosis
 
 lint: .venv/.test
 	$(BIN)/ruff check .
@@ -51,7 +51,7 @@ blind: .venv/.test
 
 docs: .venv/.runtime
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
-	$(BIN)/python -m haptic_driver.reference
+	$(BIN)/python docs/reference.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 clean:

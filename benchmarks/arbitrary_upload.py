@@ -9,10 +9,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.claim import Claim
-from hw.simulated.tcp_server import TcpServer
-from hw.simulated.waveform_generator import Simulated33220A
+from hw.generator.agilent_33220a.driver import Agilent33220A, ArbitraryWaveform, GeneratorSettings
+from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.serving.tcp import TcpServer
 from hw.transport.tcp import TcpTransport
-from hw.waveform_generator import Agilent33220A, ArbitraryWaveform, GeneratorSettings
 
 POINTS = 65_536
 ROUNDS = 7

@@ -20,8 +20,9 @@ PLAIN_S, WITH_EFFECTS_S, CONDITIONS_S, COMPILING_S = 0.3, 0.5, 5e-3, 8.0
 FIRST = """
 import json, os, time
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-from haptic_driver.config import load_model, load_rig
-from haptic_driver.surface_builder import build_surface
+from haptic_driver.surface.models import load_model
+from haptic_driver.rig.config import load_rig
+from haptic_driver.surface.build import build_surface
 from model.touch_model import TouchModel
 base, limits = load_model("reference"), load_rig("simulated").operating_limits()
 TouchModel(base).table
@@ -35,9 +36,10 @@ import itertools, json, os, time
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 from dataclasses import replace
 import numpy as np
-from haptic_driver.config import load_model, load_rig
-from haptic_driver.surface_builder import SurfaceAxes, build_surface
-from haptic_driver.surface_file import ready_for_lookup
+from haptic_driver.surface.models import load_model
+from haptic_driver.rig.config import load_rig
+from haptic_driver.surface.build import SurfaceAxes, build_surface
+from haptic_driver.surface.file import ready_for_lookup
 from model.conditions import Conditions
 from model.contact.gap_table import build_table
 from model.effects import CATALOGUE

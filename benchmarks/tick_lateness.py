@@ -20,12 +20,12 @@ import numpy as np
 
 from benchmarks import api_load
 from benchmarks.claim import Claim
-from haptic_driver.daemon.control_process import Daemon
-from haptic_driver.daemon.processes import Place
-from haptic_driver.daemon.real_time import SWITCH_INTERVAL_S
+from haptic_driver.daemon.daemon import Daemon
+from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.run import PAGE_FOLDER
-from haptic_driver.daemon.server import serve
 from haptic_driver.daemon.set_up import PERIOD_S, daemon_settings
+from haptic_driver.daemon.web.server import serve
+from haptic_driver.processes.real_time import SWITCH_INTERVAL_S
 
 UNLOADED_S, LOADED_S = 10.0, 45.0
 MARGIN_S = 5.0  # by which the load outlasts what is measured
@@ -35,7 +35,7 @@ WANTED_RATIO, WANTED_S = 1.2, 5e-3
 EMPTY = """
 import sys
 import numpy as np
-from haptic_driver.daemon import real_time
+from haptic_driver.processes import clock
 ticks = int(sys.argv[1])
 lateness_s = np.zeros(ticks)
 granted = real_time.enter()

@@ -6,7 +6,7 @@ amplitudes at the electrode.
 
 import numpy as np
 
-from haptic_driver.config import load_model
+from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 

@@ -4,11 +4,12 @@ The surface holds the model on a grid of frequency, voltage and normal force; th
 real-time loop looks up, within the rig's limits.
 """
 
-from haptic_driver.config import load_model, load_rig
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
+from haptic_driver.rig.config import load_rig
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
-from haptic_driver.surface_builder import build_surface
-from haptic_driver.surface_file import ready_for_lookup
+from haptic_driver.surface.build import build_surface
+from haptic_driver.surface.file import ready_for_lookup
+from haptic_driver.surface.models import load_model
 
 limits = load_rig("simulated").operating_limits()
 surface = build_surface(load_model("reference"), limits)

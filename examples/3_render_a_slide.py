@@ -6,11 +6,14 @@ friction comes back through a simulated force sensor; `record` holds all of it, 
 
 import numpy as np
 
-from haptic_driver.config import load_model, load_rig, texture_dirs
-from haptic_driver.simulated_rig import SimulatedRig
-from haptic_driver.slides import TICK_S, Slide, render_slide, score
-from haptic_driver.stages import tick_settings
-from haptic_driver.surface_builder import build_surface
+from haptic_driver.config import texture_dirs
+from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.slide import TICK_S, Slide
+from haptic_driver.rig.tick_settings import tick_settings
+from haptic_driver.simulation.rig import SimulatedRig
+from haptic_driver.simulation.slide import render_slide, score
+from haptic_driver.surface.build import build_surface
+from haptic_driver.surface.models import load_model
 from haptic_driver.textures.library import load_texture
 from model.touch_model import TouchModel
 

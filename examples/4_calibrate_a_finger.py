@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from haptic_driver.config import load_model
+from haptic_driver.surface.models import load_model
 from model.analysis.calibration import calibrate
 from model.conditions import Conditions
 from model.diagnosis.data import read_measurements

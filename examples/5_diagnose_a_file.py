@@ -7,11 +7,12 @@ experiment goes through check, safety gate and instruments row by row; the diagn
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from haptic_driver.config import load_model, load_rig
 from haptic_driver.experiments.bench import SimulatedBench
 from haptic_driver.experiments.data_file import DataFile
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.run import prepare, run
+from haptic_driver.rig.config import load_rig
+from haptic_driver.surface.models import load_model
 from model.diagnosis.data import read_measurements
 from model.diagnosis.report import report
 from model.diagnosis.workflow import diagnose

@@ -25,19 +25,8 @@ from typing import TYPE_CHECKING, Self, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from haptic_driver.daemon.api_records import (
-    LEASE_HEADER,
-    ErrorReport,
-    Events,
-    RecordingRequest,
-    SampleColumns,
-    StateFrame,
-    TextureNames,
-)
-from haptic_driver.daemon.processes import default_socket
-from haptic_driver.daemon.records import (
+from haptic_driver.daemon.messages import (
     ArmRequest,
-    Event,
     Lease,
     ModelChoice,
     Record,
@@ -46,7 +35,18 @@ from haptic_driver.daemon.records import (
     Target,
     TextureChoice,
 )
+from haptic_driver.daemon.place import default_socket
+from haptic_driver.daemon.web.records import (
+    LEASE_HEADER,
+    ErrorReport,
+    Events,
+    RecordingRequest,
+    SampleColumns,
+    StateFrame,
+    TextureNames,
+)
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.recording.event import Event
 
 if TYPE_CHECKING:  # `haptic status` waits neither for numpy nor for WebSockets
     import numpy as np
@@ -149,8 +149,8 @@ class HapticClient:
         return self._get(f"/events?since={since}", Events).events
 
     def samples(self, since_tick: int = 0, most: int = 1000) -> NDArray[np.void]:
-        """Ticks after `since_tick`, the newest `most` of them, of dtype `haptic_driver.daemon.samples.SAMPLE`."""
-        from haptic_driver.daemon.frames import samples_of  # noqa: PLC0415
+        """Ticks after `since_tick`, the newest `most` of them, of dtype `haptic_driver.processes.samples.SAMPLE`."""
+        from haptic_driver.daemon.web.frames import samples_of  # noqa: PLC0415
 
         return samples_of(self._get(f"/samples?since={since_tick}&most={most}", SampleColumns).root)
 

@@ -1,62 +1,63 @@
-"""Configuration files: read, and what is wrong with them; `rig_config` says what a rig's file may say.
+"""Configuration files: where they are found, how they are read, and what is wrong with them.
 
-An unknown key is an error that offers the nearest one.
+An unknown key is an error that offers the nearest one. What a file may say stands where it is used.
 """
 
 from __future__ import annotations
 
+import os
 import tomllib
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from haptic_driver.config_folders import config_dirs, config_names, find_config, texture_dirs
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import read_text
-from haptic_driver.rig_config import NiForceSensorConfig, RecordedFingerConfig, RigConfig
-from model.description import ModelDescription, read_model
-from model.support.errors import ModelError, nearest
-
-__all__ = [
-    "RigConfig",
-    "config_dirs",
-    "config_names",
-    "find_config",
-    "load_model",
-    "load_rig",
-    "parse",
-    "read_toml",
-    "texture_dirs",
-]
-
-
-def load_rig(name_or_path: str) -> RigConfig:
-    """A rig by the name of its file in `configs/rigs/`, or by path."""
-    path = find_config(name_or_path, "rigs")
-    return _with_whole_paths(parse(RigConfig, read_toml(path), str(path)), path.parent)
-
-
-def _with_whole_paths(rig: RigConfig, folder: Path) -> RigConfig:
-    """Files that a rig's file names are looked for beside it."""
-    changed: dict[str, Any] = {}
-    if isinstance(sensor := rig.force_sensor, NiForceSensorConfig):
-        changed["force_sensor"] = sensor.model_copy(update={"calibration_file": str(folder / sensor.calibration_file)})
-    if isinstance(tracker := rig.finger_tracker, RecordedFingerConfig):
-        changed["finger_tracker"] = tracker.model_copy(update={"file": str(folder / tracker.file)})
-    return rig.model_copy(update=changed)
-
-
-def load_model(name_or_path: str) -> ModelDescription:
-    """A model by the name of its file in `configs/models/`, or by path."""
-    path = find_config(name_or_path, "models")
-    try:
-        return read_model(path)
-    except ModelError as error:
-        raise BadInputError("bad_model", error.message, error.hint) from error
-
+from model.support.errors import nearest
 
 Parsed = TypeVar("Parsed", bound=BaseModel)
+
+
+def config_dirs() -> list[Path]:
+    """Folders searched for `rigs/`, `models/`, `textures/`: `HAPTIC_CONFIGS`, `./configs`, the program's own.
+
+    The program's own lie inside the package where it was installed from a wheel, else beside it.
+    """
+    named = os.environ.get("HAPTIC_CONFIGS")
+    package = Path(__file__).resolve().parent
+    installed = package / "configs"
+    own = installed if installed.is_dir() else package.parent / "configs"
+    return [*([Path(named)] if named else []), Path("configs"), own]
+
+
+def texture_dirs() -> list[Path]:
+    """Folders searched for textures by name."""
+    return [folder / "textures" for folder in config_dirs()]
+
+
+def find_config(name_or_path: str, kind: str) -> Path:
+    """The file of that name in a folder `kind` (rigs, models, ...) of the config folders, or the path itself."""
+    given, what = Path(name_or_path), kind[:-1]
+    names = config_names(kind)
+    if given.suffix == ".toml" or os.sep in name_or_path:
+        if os.path.isfile(given):
+            return given
+        said = "is a folder, not a file" if os.path.isdir(given) else "there is no such file"
+        hint = f"Give the path of a file, or the name of a {what}. {nearest(given.stem, names)}"
+        raise BadInputError("file_not_found", f"{name_or_path}: {said}", hint)
+    for folder in config_dirs():
+        path = folder / kind / f"{name_or_path}.toml"
+        if os.path.isfile(path):  # False too for a name that no file system takes
+            return path
+    own = f"The name of a {what} file of your own must end in .toml. " if os.path.isfile(given) else ""
+    hint = own + nearest(name_or_path, names)
+    raise BadInputError(f"unknown_{what}", f"there is no {what} named '{name_or_path}'", hint)
+
+
+def config_names(kind: str) -> list[str]:
+    """The names that `find_config` knows in folders `kind`, sorted."""
+    return sorted({path.stem for folder in config_dirs() for path in (folder / kind).glob("*.toml")})
 
 
 def parse(schema: type[Parsed], content: dict[str, Any], where: str) -> Parsed:

@@ -6,10 +6,14 @@ All SI floats with the unit in the name; `voltage_v` is always the peak amplitud
 from __future__ import annotations
 
 from math import nan
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+
+Policy = Literal["max_authority", "min_voltage", "min_current", "fixed_frequency", "carrier"]
+"""What the controller chooses frequencies for."""
+POLICIES: tuple[Policy, ...] = get_args(Policy)
 
 
 class FingerSample(NamedTuple):

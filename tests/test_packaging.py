@@ -50,9 +50,9 @@ def test_the_wheel_holds_every_module_config_and_page(wheel: Path) -> None:
         for package in ("haptic_driver", "model", "hw")
         for path in (ROOT / package).rglob("*.py")
     }
-    wanted |= {path.relative_to(ROOT).as_posix() for path in (ROOT / "haptic_driver/daemon/dashboard").iterdir()} | {
-        f"{package}/py.typed" for package in ("haptic_driver", "model", "hw")
-    }
+    wanted |= {
+        path.relative_to(ROOT).as_posix() for path in (ROOT / "haptic_driver/daemon/web/dashboard").iterdir()
+    } | {f"{package}/py.typed" for package in ("haptic_driver", "model", "hw")}
     configs = [path for path in (ROOT / "configs").rglob("*") if path.is_file()]
     assert {path.parent.name for path in configs} >= {"rigs", "models", "textures", "plans", "populations"}
     wanted |= {f"haptic_driver/{path.relative_to(ROOT).as_posix()}" for path in configs}

@@ -9,9 +9,9 @@ import typer
 from rich.table import Table
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
-from haptic_driver.config import load_model
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import not_written
+from haptic_driver.surface.models import load_model
 from model.support.errors import ModelError, nearest
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def calibrate(
 
     Example: `haptic calibrate data.csv --model reference --out finger.toml`
     """
-    from haptic_driver.model_pictures import draw_calibration  # noqa: PLC0415  (matplotlib is slow to import)
+    from haptic_driver.pictures.model import draw_calibration  # noqa: PLC0415  (matplotlib is slow to import)
     from model.analysis.calibration import calibrate as run  # noqa: PLC0415
     from model.analysis.calibration import write_calibration  # noqa: PLC0415
     from model.diagnosis.data import read_measurements  # noqa: PLC0415

@@ -14,7 +14,7 @@ import typer
 from rich.table import Table
 
 from haptic_driver.cli.output import Json, RigOption, report, stderr, stdout
-from haptic_driver.config import config_names, find_config, load_rig
+from haptic_driver.config import config_names, find_config
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.touched_places import (
     HOLD_S,
@@ -32,8 +32,8 @@ from haptic_driver.experiments.touched_places import (
     touch_places,
 )
 from haptic_driver.files import exists_already, not_written, write_rows
-from haptic_driver.rig_config import EvdevFingerConfig, RigConfig
-from hw.touch_screen import TouchReports, open_touch_reports
+from haptic_driver.rig.config import EvdevFingerConfig, RigConfig, load_rig
+from hw.finger.touch_screen import TouchReports, open_touch_reports
 from model.support.errors import nearest
 
 

@@ -19,13 +19,13 @@ from rich.text import Text
 
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, names_of, report, stdout
+from haptic_driver.daemon.place import default_socket
 from haptic_driver.daemon.private_file import write_private
-from haptic_driver.daemon.processes import default_socket
 from haptic_driver.errors import BadInputError, HapticError
 
 if TYPE_CHECKING:
     from haptic_driver.client import HapticClient, Session
-    from haptic_driver.daemon.records import Status
+    from haptic_driver.daemon.messages import Status
 
 POLL_S = 0.1
 
@@ -72,7 +72,7 @@ def set_target(
 
     Example: `haptic set 0.6`
     """
-    from haptic_driver.daemon.records import HIGHEST_COF  # noqa: PLC0415  (pydantic is slow to import)
+    from haptic_driver.daemon.messages import HIGHEST_COF  # noqa: PLC0415  pydantic is slow to import
 
     if not 0.0 < cof <= HIGHEST_COF:
         raise BadInputError(

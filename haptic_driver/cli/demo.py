@@ -13,13 +13,16 @@ from rich.table import Table
 from rich.text import Text
 
 from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, names_of, progress, report, stdout
-from haptic_driver.config import load_model, load_rig, texture_dirs
+from haptic_driver.config import texture_dirs
 from haptic_driver.errors import BadInputError
-from haptic_driver.simulated_rig import SimulatedRig
-from haptic_driver.slides import WITHIN, Score, Slide, SlideRecord, read_slide, render_slide, score, synthetic_slide
-from haptic_driver.stages import tick_settings
-from haptic_driver.surface_builder import build_surface
-from haptic_driver.surface_file import SurfaceFile, read_surface
+from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.slide import Slide, read_slide, synthetic_slide
+from haptic_driver.rig.tick_settings import tick_settings
+from haptic_driver.simulation.rig import SimulatedRig
+from haptic_driver.simulation.slide import WITHIN, Score, SlideRecord, render_slide, score
+from haptic_driver.surface.build import build_surface
+from haptic_driver.surface.file import SurfaceFile, read_surface
+from haptic_driver.surface.models import load_model
 from haptic_driver.textures.library import load_texture
 from model.description import ModelDescription
 from model.touch_model import TouchModel
@@ -95,7 +98,7 @@ def _require_same_model(path: Path, file: SurfaceFile, description: ModelDescrip
 
 
 def _draw(record: SlideRecord, texture: str, out: Path) -> Path:
-    from haptic_driver.pictures import draw_slide  # noqa: PLC0415  (matplotlib is slow to import)
+    from haptic_driver.pictures.friction import draw_slide  # noqa: PLC0415  (matplotlib is slow to import)
 
     path = out / "friction.png"
     draw_slide(record, f"{texture} under the {record.slide.name}", path)

@@ -11,10 +11,10 @@ from rich.table import Table
 from rich.text import Text
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
-from haptic_driver.config import load_model
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.plan import Setting, write_plan
 from haptic_driver.files import not_written
+from haptic_driver.surface.models import load_model
 from model.support.errors import ModelError
 from model.touch import SPEED_REFERENCE_M_S
 

@@ -10,8 +10,9 @@ from rich.table import Table
 from rich.text import Text
 
 from haptic_driver.cli.output import SIMULATED, Json, RigOption, report, stdout
-from haptic_driver.config import RigConfig, load_model, load_rig
-from haptic_driver.doctor import Check, Status, examine
+from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.doctor import Check, Status, examine
+from haptic_driver.surface.models import load_model
 
 COLOURS = {Status.OK: "green", Status.WARNING: "yellow", Status.FAILED: "red", Status.NOT_VERIFIED: "cyan"}
 
@@ -42,7 +43,7 @@ def doctor(rig: RigOption = "simulated", as_json: Json = False) -> int:
 
 
 def _served(config: RigConfig, serving: ExitStack) -> RigConfig:
-    from haptic_driver.served_rig import ServedRig, as_real  # noqa: PLC0415 - a real rig needs no model
+    from haptic_driver.simulation.served import ServedRig, as_real  # noqa: PLC0415 - a real rig needs no model
     from model.touch_model import TouchModel  # noqa: PLC0415
 
     touch = TouchModel(load_model(config.simulation.model or "reference"))

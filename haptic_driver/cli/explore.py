@@ -12,8 +12,8 @@ import numpy as np
 import typer
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
-from haptic_driver.config import load_model
 from haptic_driver.files import write_rows
+from haptic_driver.surface.models import load_model
 from model.analysis import spectra
 from model.conditions import Conditions
 from model.effects import CATALOGUE
@@ -71,7 +71,7 @@ def explore(
 
 def _force_spectra(asked: _Asked, picture: Path) -> Rows:
     """Lines of the force of a sine, a biased sine, a square wave and a modulated carrier."""
-    from haptic_driver.model_pictures import draw_force_spectra  # noqa: PLC0415  (matplotlib is slow to import)
+    from haptic_driver.pictures.model import draw_force_spectra  # noqa: PLC0415  (matplotlib is slow to import)
 
     f, v = asked.frequency_hz, asked.voltage_v
     carrier = max(f, LOWEST_CARRIER_HZ)
@@ -94,7 +94,7 @@ def _force_spectra(asked: _Asked, picture: Path) -> Rows:
 
 def _impedance(asked: _Asked, picture: Path) -> Rows:
     """Of the sliding finger under the asked and four times the asked load, and stuck or wet."""
-    from haptic_driver.model_pictures import draw_impedance  # noqa: PLC0415
+    from haptic_driver.pictures.model import draw_impedance  # noqa: PLC0415
 
     light, heavy = asked.normal_force_n, 4.0 * asked.normal_force_n
     touch = partial(spectra.impedance, asked.touch, IMPEDANCE_HZ)
@@ -109,7 +109,7 @@ def _impedance(asked: _Asked, picture: Path) -> Rows:
 
 def _steepness(asked: _Asked, picture: Path) -> Rows:
     """d ln(force)/d ln(voltage), and where the contact pulls in."""
-    from haptic_driver.model_pictures import draw_steepness  # noqa: PLC0415
+    from haptic_driver.pictures.model import draw_steepness  # noqa: PLC0415
 
     found = spectra.steepness(asked.touch, STEEP_HZ, STEEP_V, np.array([asked.normal_force_n]))
     draw_steepness(found, 0, picture)
@@ -153,7 +153,7 @@ def _drawn(
     curves: dict[str, np.ndarray[Any, np.dtype[np.float64]]], x: np.ndarray[Any, np.dtype[np.float64]], column: str,
     label: str, at: str, picture: Path,
 ) -> Rows:  # fmt: skip
-    from haptic_driver.model_pictures import draw_lines  # noqa: PLC0415
+    from haptic_driver.pictures.model import draw_lines  # noqa: PLC0415
 
     draw_lines({name: (x, cof) for name, cof in curves.items()}, label, f"coefficient of friction, {at}", picture)
     return [

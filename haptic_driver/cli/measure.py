@@ -25,7 +25,7 @@ from haptic_driver.cli.output import (
     stderr,
     stdout,
 )
-from haptic_driver.config import RigConfig, load_model, load_rig, parse, read_toml
+from haptic_driver.config import parse, read_toml
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.bench import SimulatedBench
 from haptic_driver.experiments.check import told
@@ -33,8 +33,10 @@ from haptic_driver.experiments.data_file import DataFile
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.run import Experiment, prepare, run
 from haptic_driver.experiments.stage_bench import StageBench
-from haptic_driver.rig import OffEvidence, RigState
-from haptic_driver.simulated_rig import FrictionLaw, with_hidden
+from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.rig import OffEvidence, RigState
+from haptic_driver.simulation.rig import FrictionLaw, with_hidden
+from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel
 
 PlanOption = Annotated[

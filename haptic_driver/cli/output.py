@@ -26,7 +26,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from haptic_driver.config_folders import config_names
+from haptic_driver.config import config_names
 from haptic_driver.errors import HapticError
 
 
@@ -115,7 +115,7 @@ def compiling() -> Iterator[None]:
     if "numba" not in sys.modules:
         yield
         return
-    from haptic_driver.compiling import compilation  # noqa: PLC0415  (numba is slow to import)
+    from haptic_driver.render.compiled import compilation  # noqa: PLC0415  (numba is slow to import)
 
     columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
     bar = Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal)

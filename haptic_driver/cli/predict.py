@@ -10,9 +10,9 @@ import numpy as np
 import typer
 
 from haptic_driver.cli.output import Json, ModelOption, report, stderr, stdout
-from haptic_driver.config import load_model
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input, replacing
+from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
 from model.support.errors import ModelError
 from model.support.tables import Table, read_table

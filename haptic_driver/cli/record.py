@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from haptic_driver import recording
 from haptic_driver.cli.output import Json, progress, report, stdout
+from haptic_driver.recording import read as recording
 
 
 def export(

@@ -11,8 +11,8 @@ import typer
 from rich.table import Table
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
-from haptic_driver.config import load_model
 from haptic_driver.files import not_written
+from haptic_driver.surface.models import load_model
 
 
 def reproduce(

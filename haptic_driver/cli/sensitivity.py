@@ -10,9 +10,9 @@ import typer
 from rich.table import Table
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
-from haptic_driver.config import load_model
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import write_rows
+from haptic_driver.surface.models import load_model
 
 FREQUENCIES_HZ = (10.0, 250.0, 1e4)
 
@@ -33,7 +33,7 @@ def sensitivity(
 
     Example: `haptic sensitivity --out sensitivity`
     """
-    from haptic_driver.model_pictures import draw_sensitivity  # noqa: PLC0415  (matplotlib is slow to import)
+    from haptic_driver.pictures.model import draw_sensitivity  # noqa: PLC0415  (matplotlib is slow to import)
     from model.analysis.sensitivity import force_sensitivity  # noqa: PLC0415
     from model.conditions import Conditions  # noqa: PLC0415
 

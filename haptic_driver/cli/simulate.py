@@ -14,9 +14,10 @@ import typer
 from rich.text import Text
 
 from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, report, stdout
-from haptic_driver.config import RigConfig, load_model, load_rig
 from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.served_rig import ServedRig
+from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.simulation.served import ServedRig
+from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel
 
 STEP_S = 0.002

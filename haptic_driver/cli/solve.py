@@ -11,14 +11,15 @@ import numpy as np
 import typer
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
-from haptic_driver.config import load_model, load_rig
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.limits import OperatingLimits
-from haptic_driver.render.controller import INITIAL, POLICIES, Controller, ControllerSettings, Policy
+from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
 from haptic_driver.render.safety import violation
-from haptic_driver.signals import NO_COMMAND, FingerState, OperatingPoint, TargetFriction
-from haptic_driver.surface_builder import build_surface
-from haptic_driver.surface_file import SurfaceFile, cof_interval_at, read_surface, ready_for_lookup
+from haptic_driver.rig.config import load_rig
+from haptic_driver.signals import NO_COMMAND, POLICIES, FingerState, OperatingPoint, Policy, TargetFriction
+from haptic_driver.surface.build import build_surface
+from haptic_driver.surface.file import SurfaceFile, cof_interval_at, read_surface, ready_for_lookup
+from haptic_driver.surface.models import load_model
 from model import friction as friction_law
 from model.analysis import uncertainty
 from model.description import ModelDescription

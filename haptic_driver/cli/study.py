@@ -34,8 +34,8 @@ def study(
 
     Example: `haptic study fingers --out study`
     """
-    from haptic_driver.model_pictures import draw_study  # noqa: PLC0415  (matplotlib is slow to import)
-    from haptic_driver.study import load_study, run_study, statistics  # noqa: PLC0415
+    from haptic_driver.experiments.study import load_study, run_study, statistics  # noqa: PLC0415
+    from haptic_driver.pictures.model import draw_study  # noqa: PLC0415  (matplotlib is slow to import)
 
     found = load_study(plan)
     with progress("fingers", found.plan.count) as advance:

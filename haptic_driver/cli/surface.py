@@ -9,9 +9,10 @@ import numpy as np
 import typer
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
-from haptic_driver.config import load_model, load_rig
-from haptic_driver.surface_builder import SurfaceAxes, build_surface
-from haptic_driver.surface_file import SurfaceFile, read_surface
+from haptic_driver.rig.config import load_rig
+from haptic_driver.surface.build import SurfaceAxes, build_surface
+from haptic_driver.surface.file import SurfaceFile, read_surface
+from haptic_driver.surface.models import load_model
 
 app = typer.Typer(no_args_is_help=True, help="Build, describe and draw the lookup surface.")
 AXES = SurfaceAxes()
@@ -74,7 +75,7 @@ def plot(
 
     Example: `haptic surface plot surface.h5 --out surface.png`
     """
-    from haptic_driver.pictures import draw_surface  # noqa: PLC0415  (matplotlib is slow to import)
+    from haptic_driver.pictures.friction import draw_surface  # noqa: PLC0415  (matplotlib is slow to import)
 
     drawn_n = draw_surface(read_surface(file), normal_force, out)
     report(as_json, {"picture": str(out), "normal_force_n": drawn_n}, lambda: stdout.print(f"picture: {out}"))

@@ -12,7 +12,7 @@ from rich.text import Text
 from haptic_driver.cli import control
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, ModelOption, RigOption, compiling, names_of, report, stdout
-from haptic_driver.config_folders import texture_dirs
+from haptic_driver.config import texture_dirs
 from haptic_driver.errors import BadInputError
 from haptic_driver.textures.library import load, texture_names
 from haptic_driver.textures.reach import WEBER, Demand, demand
@@ -52,7 +52,7 @@ def preview(
 
     Example: `haptic texture preview linen --out linen.png`
     """
-    from haptic_driver.textures.preview import preview as draw  # noqa: PLC0415  (matplotlib is slow to import)
+    from haptic_driver.pictures.textures import preview as draw  # noqa: PLC0415  (matplotlib is slow to import)
 
     loaded = load(name, texture_dirs())
     draw(loaded.target, out, f"{name}: {loaded.description}" if loaded.description else name)
@@ -111,10 +111,11 @@ def _entry(name: str) -> dict[str, Any]:
 
 def _reachable(rig: str, model: str, surface: Path | None, normal_force_n: float) -> tuple[float, float]:
     # Slow to import, and no other command of this group needs them.
-    from haptic_driver.config import load_model, load_rig  # noqa: PLC0415
     from haptic_driver.render.controller import Controller, ControllerSettings  # noqa: PLC0415
-    from haptic_driver.surface_builder import build_surface  # noqa: PLC0415
-    from haptic_driver.surface_file import read_surface, ready_for_lookup  # noqa: PLC0415
+    from haptic_driver.rig.config import load_rig  # noqa: PLC0415
+    from haptic_driver.surface.build import build_surface  # noqa: PLC0415
+    from haptic_driver.surface.file import read_surface, ready_for_lookup  # noqa: PLC0415
+    from haptic_driver.surface.models import load_model  # noqa: PLC0415
 
     config = load_rig(rig)
     limits = config.operating_limits()

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from haptic_driver.daemon.records import Event
+from haptic_driver.recording.event import Event
 
 EVENTS_KEPT = 1000
 

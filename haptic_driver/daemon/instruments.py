@@ -6,22 +6,21 @@ import socket
 from collections.abc import Callable, Mapping
 from math import isfinite
 
-from haptic_driver.actuator import make_actuator
-from haptic_driver.config import RigConfig
-from haptic_driver.daemon.shared_state import Sensed
-from haptic_driver.daemon.simulated_lines import SCALE, SCREEN, Lines
-from haptic_driver.devices import Devices, connect_devices, output_settings
 from haptic_driver.errors import BadInputError
-from haptic_driver.rig import RigEvent, build_rig
-from haptic_driver.rig_config import SimulatedAnalogOutputConfig
+from haptic_driver.processes.shared_memory import Sensed
+from haptic_driver.rig.actuator import make_actuator
+from haptic_driver.rig.config import RigConfig, SimulatedAnalogOutputConfig
+from haptic_driver.rig.devices import Devices, connect_devices, output_settings
+from haptic_driver.rig.rig import RigEvent, build_rig
+from haptic_driver.simulation.lines import SCALE, SCREEN, Lines
+from hw.analog.served_output import ServedAnalogOutput
 from hw.errors import DeviceDisconnected
-from hw.finger_tracker import FingerTracker
-from hw.force_sensor import ForceAxes
-from hw.net_ft import NetFt, NetFtSettings
-from hw.simulated.served_analog_output import ServedAnalogOutput
-from hw.touch_screen import TouchEvents, TouchReports, TouchScreen
+from hw.finger.touch_screen import TouchEvents, TouchReports, TouchScreen
+from hw.finger.tracker import FingerTracker
+from hw.force.net_ft import NetFt, NetFtSettings
+from hw.force.sensor import ForceAxes
+from hw.safety.watchdog import Watchdog, WatchdogSettings
 from hw.transport.tcp import TcpTransport
-from hw.watchdog import Watchdog, WatchdogSettings
 
 SENSOR_PERIOD_S = 0.001
 WATCHDOG_GIVE_UP_S = 1.0  # a simulated generator that is gone will not come back at the same address

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.lib.recfunctions import structured_to_unstructured
 from numpy.typing import NDArray
 
-from haptic_driver.daemon.records import Event
-from haptic_driver.daemon.samples import SAMPLE
-from haptic_driver.daemon.shared_state import Ring
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.processes.samples import SAMPLE
+from haptic_driver.processes.shared_memory import Ring
+from haptic_driver.recording.event import Event
 
 PERIOD_S = 0.02  # between looks at the ring; OSC sends the newest sample so often
 OSC_FIELDS = (

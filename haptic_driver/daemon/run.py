@@ -9,16 +9,16 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from haptic_driver.compiling import compilation_said
-from haptic_driver.daemon.control_process import Daemon
+from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.outlets import LslOutlet, OscOutlet, Outlet, feeding
-from haptic_driver.daemon.processes import Place, default_socket
-from haptic_driver.daemon.real_time import take_precedence
-from haptic_driver.daemon.server import serve
+from haptic_driver.daemon.place import Place, default_socket
 from haptic_driver.daemon.service import as_service
 from haptic_driver.daemon.set_up import DaemonSettings, daemon_settings
+from haptic_driver.daemon.web.server import serve
+from haptic_driver.processes.real_time import take_precedence
+from haptic_driver.render.compiled import compilation_said
 
-PAGE_FOLDER = Path(__file__).with_name("dashboard")
+PAGE_FOLDER = Path(__file__).parent / "web" / "dashboard"
 
 _log = logging.getLogger(__name__)
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from haptic_driver.config import RigConfig, load_model, load_rig
 from haptic_driver.daemon.render_process import Nothing, RenderSettings
-from haptic_driver.daemon.simulated_lines import PANEL
-from haptic_driver.devices import STAGE_INTERVAL_S
-from haptic_driver.rig_config import EvdevFingerConfig, NoAnalogOutput, StageFingerConfig
-from haptic_driver.stages import tick_settings
-from haptic_driver.surface_builder import build_surface
-from haptic_driver.surface_file import SurfaceFile
+from haptic_driver.rig.config import EvdevFingerConfig, NoAnalogOutput, RigConfig, StageFingerConfig, load_rig
+from haptic_driver.rig.devices import STAGE_INTERVAL_S
+from haptic_driver.rig.tick_settings import tick_settings
+from haptic_driver.simulation.lines import PANEL
+from haptic_driver.surface.build import build_surface
+from haptic_driver.surface.file import SurfaceFile
+from haptic_driver.surface.models import load_model
 
 PERIOD_S = 0.001
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 from math import inf
 
-from haptic_driver.daemon.records import DaemonState, Lease, RefusedError
+from haptic_driver.daemon.messages import DaemonState, Lease, RefusedError
 
 DISCONNECTED, IDLE, ARMED, RENDERING, FAULT = DaemonState
 

@@ -15,13 +15,13 @@ import time
 from collections.abc import Callable
 
 from haptic_driver.daemon.instruments import Instruments, connect_real, connect_simulated
+from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.daemon.output_pump import OUTPUT_STALE_S, OutputPump
-from haptic_driver.daemon.processes import Child
-from haptic_driver.daemon.records import RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings
-from haptic_driver.daemon.shared_state import SharedState
 from haptic_driver.errors import HapticError
-from haptic_driver.rig import RigEvent, RigState
+from haptic_driver.processes.child import Child
+from haptic_driver.processes.shared_memory import SharedState
+from haptic_driver.rig.rig import RigEvent, RigState
 from hw.errors import DeviceError
 
 START_TIMEOUT_S = 240.0  # compiling all kernels, on a busy machine
@@ -154,7 +154,7 @@ class Supervisor:
         if settings.config.simulated:
             record = [] if settings.amplifier_record is None else ["--record", settings.amplifier_record]
             self._children[INSTRUMENTS] = Child(
-                INSTRUMENTS, "haptic_driver.daemon.simulated_process", [settings.rig, settings.model, *record]
+                INSTRUMENTS, "haptic_driver.simulation.process", [settings.rig, settings.model, *record]
             )
 
     def _connect_instruments(self) -> None:

@@ -12,11 +12,11 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from haptic_driver.config import RigConfig
 from haptic_driver.experiments.plan import Row
-from haptic_driver.rig import Rig
-from haptic_driver.simulated_rig import FrictionLaw, SimulatedRig
-from hw.force_sensor import ForceReading
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.rig import Rig
+from haptic_driver.simulation.rig import FrictionLaw, SimulatedRig
+from hw.force.sensor import ForceReading
 from model.touch_model import TouchModel
 
 

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_driver.config import RigConfig
 from haptic_driver.experiments.plan import Plan, Setting
 from haptic_driver.experiments.stroke import beyond_stage
 from haptic_driver.render.safety import violation
+from haptic_driver.rig.config import RigConfig
 from haptic_driver.signals import OperatingPoint
-from hw.waveform_generator import AMPLITUDE_HIGH_VPP, AMPLITUDE_LOW_VPP
+from hw.generator.agilent_33220a.driver import AMPLITUDE_HIGH_VPP, AMPLITUDE_LOW_VPP
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 

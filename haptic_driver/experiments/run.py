@@ -11,7 +11,6 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.config import RigConfig
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.average import Measured, average
 from haptic_driver.experiments.bench import Bench
@@ -21,7 +20,8 @@ from haptic_driver.experiments.plan import Plan, Row, Setting
 from haptic_driver.experiments.stroke import stage_of
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render import drive, safety
-from haptic_driver.rig import OffEvidence, Rig, RigState, require_verified
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.rig import OffEvidence, Rig, RigState, require_verified
 from haptic_driver.signals import OperatingPoint
 from model.touch_model import TouchModel
 

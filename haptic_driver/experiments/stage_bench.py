@@ -12,15 +12,14 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from haptic_driver.config import RigConfig
-from haptic_driver.devices import connect_devices
 from haptic_driver.errors import HapticError
 from haptic_driver.experiments.plan import Plan, Row
 from haptic_driver.experiments.stroke import SPARE_S, stage_of, stroke
-from haptic_driver.rig import Rig
-from haptic_driver.rig_config import NoAnalogOutput
-from hw.force_sensor import ForceReading
-from hw.stage import Lts150, StageStatus
+from haptic_driver.rig.config import NoAnalogOutput, RigConfig
+from haptic_driver.rig.devices import connect_devices
+from haptic_driver.rig.rig import Rig
+from hw.force.sensor import ForceReading
+from hw.stage.lts150 import Lts150, StageStatus
 
 LOAD_WAIT_S = 60.0  # for a person to bring the load, or to lift the finger
 LOAD_STEADY_S = 0.3  # over which a load is averaged before it is believed

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.files import bad_input
-from hw.touch_screen import RawTouch, TouchCalibration, fit_calibration
+from hw.finger.touch_screen import RawTouch, TouchCalibration, fit_calibration
 from model.support.tables import Table, read_table
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import nan
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 from numba import typed
@@ -36,10 +36,8 @@ from haptic_driver.render.surface import (
     locate,
     place_of,
 )
-from haptic_driver.signals import DriveCommand, FingerState, OperatingPoint, TargetFriction
+from haptic_driver.signals import POLICIES, DriveCommand, FingerState, OperatingPoint, Policy, TargetFriction
 
-Policy = Literal["max_authority", "min_voltage", "min_current", "fixed_frequency", "carrier"]
-POLICIES: tuple[Policy, ...] = get_args(Policy)
 MERIT_AUTHORITY, MERIT_VOLTAGE, MERIT_CURRENT = 0, 1, 2
 MERITS = {"min_voltage": MERIT_VOLTAGE, "min_current": MERIT_CURRENT}
 CARRIER_BAND_HZ = 10e3

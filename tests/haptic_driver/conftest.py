@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from haptic_driver.cli.main import main
-from haptic_driver.config import load_model, load_rig
-from haptic_driver.surface_builder import SurfaceAxes, build_surface
-from haptic_driver.surface_file import FORCE_REFINEMENT, SurfaceFile, ready_for_lookup
+from haptic_driver.rig.config import load_rig
+from haptic_driver.surface.build import SurfaceAxes, build_surface
+from haptic_driver.surface.file import FORCE_REFINEMENT, SurfaceFile, ready_for_lookup
+from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel
 from tests.haptic_driver.commands import one_object
 

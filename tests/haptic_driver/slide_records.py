@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptic_driver.rig import OffEvidence
-from haptic_driver.slides import Slide, SlideRecord
-from hw.amplifier import AmplifierState
+from haptic_driver.rig.rig import OffEvidence
+from haptic_driver.rig.slide import Slide
+from haptic_driver.simulation.slide import SlideRecord
+from hw.amplifier.analog import AmplifierState
 
 
 def made_record(count=100, **changed):

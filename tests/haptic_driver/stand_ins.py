@@ -5,9 +5,9 @@ from __future__ import annotations
 import threading
 from contextlib import contextmanager
 
-from haptic_driver.served_rig import ServedRig
+from haptic_driver.simulation.served import ServedRig
 from hw.errors import DeviceTimeout
-from hw.force_sensor import ForceReading
+from hw.force.sensor import ForceReading
 
 STEP_S = 0.002
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.client import HapticClient, LeaseLostError, NoDaemonError
-from haptic_driver.daemon.records import DaemonState, RefusedError
+from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.errors import BadInputError, HapticError
 from tests.haptic_driver.daemon.bench_control import BenchControl, serving
 from tests.waiting import HANG_S, until

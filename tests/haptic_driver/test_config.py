@@ -5,9 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from haptic_driver.config import RigConfig, config_dirs, load_model, load_rig, parse, texture_dirs
+from haptic_driver.config import config_dirs, parse, texture_dirs
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS
+from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.surface.models import load_model
 from tests.haptic_driver.config_texts import CONFIGS, SIMULATED, changed
 
 

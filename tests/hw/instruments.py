@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 
-from hw.simulated.waveform_generator import GeneratorLatency
+from hw.generator.agilent_33220a.simulator import GeneratorLatency
 
 IMMEDIATE = GeneratorLatency(0.0, 0.0, 0.0, 0.0)
 """Settings are at the generator's terminals as soon as they are programmed."""

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from haptic_driver.daemon.control_process import Daemon
-from haptic_driver.daemon.real_time import take_precedence
-from haptic_driver.daemon.records import DaemonState
+from haptic_driver.daemon.daemon import Daemon
+from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.set_up import daemon_settings
+from haptic_driver.processes.real_time import take_precedence
 from tests.waiting import exists, until
 
 KILLS = int(os.environ.get("HAPTIC_SOAK_KILLS", "200"))

@@ -15,8 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from haptic_driver.config import load_rig
-from haptic_driver.rig_config import EvdevFingerConfig
+from haptic_driver.rig.config import EvdevFingerConfig, load_rig
 from tests.haptic_driver.experiments.touching import (
     CORNERS,
     MATRIX_M,
@@ -76,7 +75,7 @@ def follow(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., User]]:
                 closed.append(user)
 
         monkeypatch.setitem(sys.modules, "evdev", SimpleNamespace(InputDevice=Device))
-        monkeypatch.setattr("hw.touch_screen.fcntl.ioctl", lambda *_: 0)
+        monkeypatch.setattr("hw.finger.touch_screen.fcntl.ioctl", lambda *_: 0)
         passing = SimpleNamespace(monotonic=user.clock, sleep=user.sleep)
         monkeypatch.setattr("haptic_driver.cli.calibrate_touch.time", passing)
         return user

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_driver.daemon.records import DaemonState, RefusedError
+from haptic_driver.daemon.messages import DaemonState, RefusedError
 from tests.waiting import HANG_S, until
 
 SCRIPT = Path(sys.executable).with_name("haptic")

@@ -15,9 +15,9 @@ import pytest
 
 from haptic_driver.cli.main import main
 from haptic_driver.experiments.bench import SimulatedBench
+from hw.amplifier.simulated import SimulatedAmplifier
 from hw.errors import DeviceTimeout
-from hw.force_sensor import ForceReading
-from hw.simulated.amplifier import SimulatedAmplifier
+from hw.force.sensor import ForceReading
 
 PLAN = """
 name = "short"

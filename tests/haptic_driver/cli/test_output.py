@@ -7,9 +7,9 @@ import pytest
 from rich.console import Console
 
 from haptic_driver.cli import doctor, output
-from haptic_driver.config import load_rig
-from haptic_driver.doctor import Check, Status
 from haptic_driver.errors import BadInputError
+from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.doctor import Check, Status
 
 
 def terminal(**how):

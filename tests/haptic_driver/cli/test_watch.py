@@ -8,7 +8,7 @@ import os
 from rich.console import Console
 
 from haptic_driver.cli.watch import picture, sparkline
-from haptic_driver.daemon.frames import state_frame
+from haptic_driver.daemon.web.frames import state_frame
 
 
 def test_watch_in_a_pipe_is_json_lines(haptic, socket):

@@ -11,12 +11,13 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from haptic_driver.daemon.processes import Place
-from haptic_driver.daemon.records import DaemonState, Event, RefusedError, Status
-from haptic_driver.daemon.samples import SAMPLE
-from haptic_driver.daemon.server import serve
+from haptic_driver.daemon.messages import DaemonState, RefusedError, Status
+from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.state_machine import StateMachine
+from haptic_driver.daemon.web.server import serve
 from haptic_driver.errors import BadInputError
+from haptic_driver.processes.samples import SAMPLE
+from haptic_driver.recording.event import Event
 
 
 @contextmanager

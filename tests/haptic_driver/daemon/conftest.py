@@ -6,10 +6,10 @@ from functools import partial
 
 import pytest
 
-from haptic_driver.config import load_rig
-from haptic_driver.daemon.control_process import Daemon
+from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
-from haptic_driver.daemon.shared_state import SharedState
+from haptic_driver.processes.shared_memory import SharedState
+from haptic_driver.rig.config import load_rig
 from tests.haptic_driver.daemon import electrode, killing
 
 killable_daemon = killing.killable_daemon

@@ -16,11 +16,11 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from haptic_driver.daemon.control_process import Daemon
-from haptic_driver.daemon.real_time import take_precedence
-from haptic_driver.daemon.records import DaemonState
+from haptic_driver.daemon.daemon import Daemon
+from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.set_up import daemon_settings
 from haptic_driver.errors import HapticError
+from haptic_driver.processes.real_time import take_precedence
 
 LEASE_S = 0.5
 FRICTION = 0.65

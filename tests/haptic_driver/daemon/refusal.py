@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from haptic_driver.daemon.records import RefusedError
+from haptic_driver.daemon.messages import RefusedError
 
 
 def refusal(call, *arguments):

@@ -13,7 +13,7 @@ import httpx
 import pytest
 
 from haptic_driver.client import HapticClient
-from haptic_driver.daemon.records import DaemonState, RefusedError
+from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.errors import BadInputError, HapticError
 from tests.waiting import HANG_S, until
 

@@ -6,7 +6,7 @@ import os
 import signal
 import time
 
-from haptic_driver.daemon.records import DaemonState
+from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.errors import HapticError
 from tests.haptic_driver.daemon.waiting import keep_rendering
 from tests.waiting import until

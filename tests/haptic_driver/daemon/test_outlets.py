@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from haptic_driver.daemon.outlets import LslOutlet, OscOutlet, feeding
-from haptic_driver.daemon.records import Event
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.recording.event import Event
 from tests.haptic_driver.daemon.ticks import made_tick
 from tests.waiting import HANG_S, until
 
@@ -81,7 +81,7 @@ import sys, time
 import numpy as np
 import pylsl
 from haptic_driver.daemon.outlets import LslOutlet
-from haptic_driver.daemon.records import Event
+from haptic_driver.recording.event import Event
 
 outlet = LslOutlet(1000.0, "test")
 inlets = []

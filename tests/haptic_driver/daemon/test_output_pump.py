@@ -7,22 +7,21 @@ import math
 import numpy as np
 import pytest
 
-from haptic_driver.actuator import make_actuator
-from haptic_driver.config import load_rig
 from haptic_driver.daemon.output_pump import OUTPUT_STALE_S, START_S, OutputPump
-from haptic_driver.daemon.real_time import Due
 from haptic_driver.daemon.render_process import Renderer
 from haptic_driver.daemon.set_up import render_settings
-from haptic_driver.daemon.shared_state import NO_ORDER, Sensed, SharedState
+from haptic_driver.processes.real_time import Due
+from haptic_driver.processes.shared_memory import NO_ORDER, Sensed, SharedState
 from haptic_driver.render.texture import Grating, Uniform
-from haptic_driver.rig import RigState, build_rig
-from haptic_driver.rig_config import NoAnalogOutput
-from haptic_driver.simulated_rig import simulated_amplifier, simulated_generator, surface_friction
-from hw.analog_output import AnalogOutputSettings
-from hw.simulated.analog_output import SimulatedAnalogOutput
-from hw.simulated.finger_plant import FingerPlant
-from hw.simulated.force_sensor import SimulatedForceSensor
-from hw.transport.memory import MemoryTransport
+from haptic_driver.rig.actuator import make_actuator
+from haptic_driver.rig.config import NoAnalogOutput, load_rig
+from haptic_driver.rig.rig import RigState, build_rig
+from haptic_driver.simulation.rig import simulated_amplifier, simulated_generator, surface_friction
+from hw.analog.output import AnalogOutputSettings
+from hw.analog.simulated_output import SimulatedAnalogOutput
+from hw.finger.plant import FingerPlant
+from hw.force.simulated import SimulatedForceSensor
+from hw.testing.memory import MemoryTransport
 
 TICK_S = 0.001
 FORCE_N, SPEED_M_S = 0.5, 0.04

@@ -12,13 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from haptic_driver.daemon.processes import Child, Place, default_socket
+from haptic_driver.daemon.place import Place, default_socket
 from haptic_driver.errors import HapticError
+from haptic_driver.processes.child import Child
 
 LEFT_BEHIND = """
 import os, sys
 from pathlib import Path
-from haptic_driver.daemon.processes import Place
+from haptic_driver.daemon.place import Place
 place = Place(Path(sys.argv[1]))
 os.kill(os.getpid(), 9)
 """

@@ -7,18 +7,17 @@ from dataclasses import replace
 
 import pytest
 
-from haptic_driver import devices as devices_module
-from haptic_driver.config import load_rig
-from haptic_driver.daemon.control_process import Daemon
+from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.instruments import connect_real
-from haptic_driver.daemon.records import DaemonState, RefusedError
+from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings, latency_budget_s, render_settings
 from haptic_driver.errors import BadInputError
-from haptic_driver.rig_config import NiAnalogOutputConfig, NoFingerTracker, WatchdogConfig
-from haptic_driver.served_rig import as_real
-from hw.simulated.analog_output import SimulatedAnalogOutput
-from hw.simulated.net_ft_server import RdtFault
-from hw.simulated.tcp_server import TcpServer
+from haptic_driver.rig import devices as devices_module
+from haptic_driver.rig.config import NiAnalogOutputConfig, NoFingerTracker, WatchdogConfig, load_rig
+from haptic_driver.simulation.served import as_real
+from hw.analog.simulated_output import SimulatedAnalogOutput
+from hw.force.net_ft_server import RdtFault
+from hw.serving.tcp import TcpServer
 from tests.haptic_driver.daemon.refusal import refusal
 from tests.haptic_driver.daemon.waiting import keep_rendering
 from tests.haptic_driver.stand_ins import living_rig

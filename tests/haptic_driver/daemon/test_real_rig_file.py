@@ -12,8 +12,8 @@ import sys
 import pytest
 
 from haptic_driver.client import HapticClient
-from haptic_driver.daemon.records import DaemonState
-from hw.stage import Lts150, StageSettings
+from haptic_driver.daemon.messages import DaemonState
+from hw.stage.lts150 import Lts150, StageSettings
 from hw.transport.resource import make_transport
 from tests.haptic_driver.config_texts import changed, served_rig_text
 from tests.haptic_driver.daemon.waiting import until_ready

@@ -14,17 +14,26 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from haptic_driver.config import load_rig
 from haptic_driver.daemon import set_up
-from haptic_driver.daemon.processes import Child
-from haptic_driver.daemon.real_time import Due
 from haptic_driver.daemon.render_process import Ramp, Renderer
-from haptic_driver.daemon.samples import Flag
-from haptic_driver.daemon.shared_state import NO_ORDER, Order, Sensed, SharedState
+from haptic_driver.processes.child import Child
+from haptic_driver.processes.real_time import Due
+from haptic_driver.processes.samples import Flag
+from haptic_driver.processes.shared_memory import NO_ORDER, Order, Sensed, SharedState
 from haptic_driver.render.texture import Uniform
+from haptic_driver.rig.config import load_rig
 
 PERIOD_S = 0.001
-FORBIDDEN = ("model", "hw", "h5py", "pydantic", "fastapi", "matplotlib", "haptic_driver.rig", "haptic_driver.config")
+FORBIDDEN = (
+    "model",
+    "hw",
+    "h5py",
+    "pydantic",
+    "fastapi",
+    "matplotlib",
+    "haptic_driver.rig.rig",
+    "haptic_driver.config",
+)
 
 
 class Bench:
@@ -295,7 +304,7 @@ def envelope_settings(surface_file):
 AFTER_WARMING_UP = """
 import pickle, sys
 from haptic_driver.daemon.render_process import Renderer
-from haptic_driver.daemon.shared_state import SharedState
+from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.render import compiled
 from tests.haptic_driver.daemon.test_render_process import story
 

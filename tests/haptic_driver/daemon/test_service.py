@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from haptic_driver.daemon.real_time import PRIORITY
 from haptic_driver.daemon.service import as_service, notify, watchdog_period_s
+from haptic_driver.processes.real_time import PRIORITY
 from tests.waiting import HANG_S, until
 
 UNIT = Path(__file__).parents[3] / "deploy" / "systemd" / "haptic@.service"

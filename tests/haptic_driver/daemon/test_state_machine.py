@@ -7,7 +7,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from haptic_driver.daemon.records import DaemonState, RefusedError
+from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.daemon.state_machine import StateMachine
 from tests.haptic_driver.daemon.refusal import refusal
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from haptic_driver.daemon.samples import SAMPLE
+from haptic_driver.processes.samples import SAMPLE
 
 
 def made_tick(number, **fields):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from haptic_driver.config import RigConfig, load_model, load_rig
+from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel
 
 

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptic_driver.config import RigConfig
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.bench import Scatter, SimulatedBench
 from haptic_driver.experiments.check import Refusal, told
 from haptic_driver.experiments.data_file import COLUMNS, DataFile, meta_path
 from haptic_driver.experiments.plan import Plan, Row, Setting, load_plan
 from haptic_driver.experiments.run import ATTEMPTS, READING_S, Experiment, prepare, run
-from haptic_driver.simulated_rig import FrictionLaw, friction_of, with_hidden
-from hw.force_sensor import ForceReading
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.simulation.rig import FrictionLaw, friction_of, with_hidden
+from hw.force.sensor import ForceReading
 from model.diagnosis.data import read_measurements
 from model.touch_model import TouchModel
 

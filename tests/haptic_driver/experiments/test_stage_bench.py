@@ -13,9 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptic_driver import devices
 from haptic_driver.cli.main import main
-from haptic_driver.config import RigConfig
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments import stage_bench
 from haptic_driver.experiments.check import check
@@ -24,9 +22,11 @@ from haptic_driver.experiments.plan import Plan, Setting
 from haptic_driver.experiments.run import prepare, run
 from haptic_driver.experiments.stage_bench import StageBench
 from haptic_driver.experiments.stroke import stage_of, stroke
-from haptic_driver.served_rig import NORMAL_FORCE_N, ServedRig, as_real
-from hw import apt
-from hw.force_sensor import ForceReading
+from haptic_driver.rig import devices
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.simulation.served import NORMAL_FORCE_N, ServedRig, as_real
+from hw.force.sensor import ForceReading
+from hw.stage import apt
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 from tests.haptic_driver.config_texts import served_rig_text

@@ -29,7 +29,7 @@ from haptic_driver.experiments.touched_places import (
 )
 from haptic_driver.files import write_rows
 from hw.errors import DeviceDisconnected
-from hw.touch_screen import RawTouch, TouchEvents, TouchReports
+from hw.finger.touch_screen import RawTouch, TouchEvents, TouchReports
 from tests.haptic_driver.experiments.touching import (
     CORNERS,
     MATRIX_M,

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hw.simulated.touch_screen import Panel, SimulatedTouchScreen
+from hw.finger.simulated_touch_screen import Panel, SimulatedTouchScreen
 
 # Counts to metres of a screen that is mirrored, turned a little and not square: (x, y) = MATRIX_M @ (x_raw, y_raw, 1).
 MATRIX_M = np.array([[5e-5, 2e-6, -0.004], [1e-6, -4e-5, 0.11]])

@@ -28,7 +28,7 @@ from haptic_driver.render.feedback import FeedbackSettings
 from haptic_driver.render.safety import violation
 from haptic_driver.render.surface import NO_CAPS
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
-from haptic_driver.surface_file import ready_for_lookup
+from haptic_driver.surface.file import ready_for_lookup
 from model.conditions import Conditions
 
 CHOOSING = [policy for policy in POLICIES if policy != "fixed_frequency"]

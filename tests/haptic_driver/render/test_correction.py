@@ -9,8 +9,8 @@ import pytest
 
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
-from haptic_driver.surface_builder import SurfaceAxes, build_surface
-from haptic_driver.surface_file import read_surface, ready_for_lookup
+from haptic_driver.surface.build import SurfaceAxes, build_surface
+from haptic_driver.surface.file import read_surface, ready_for_lookup
 from model.conditions import Conditions
 from model.parameters import Parameter
 from model.touch_model import TouchModel

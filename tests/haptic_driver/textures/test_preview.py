@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import HapticError
+from haptic_driver.pictures.textures import _window_m, contact_sheet, preview
 from haptic_driver.render.texture import FrictionMap, Grating, Profile, Script, Step, Uniform
-from haptic_driver.textures.preview import _window_m, contact_sheet, preview
 
 HALVES = Profile([0.0, 0.040, 0.041, 0.080], [0.5, 0.5, 0.8, 0.8])
 SCRIPT = Script(

@@ -12,14 +12,14 @@ from typing import Any
 import pytest
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
-from hw.simulated.faults import Disconnect
-from hw.simulated.serial_server import SerialServer
-from hw.simulated.tcp_server import TcpServer
-from hw.simulated.usb_backend import SimulatedUsbBackend
+from hw.serving.serial import SerialServer
+from hw.serving.tcp import TcpServer
+from hw.testing.faulty_instrument import Disconnect
+from hw.testing.faulty_transport import Faulty
+from hw.testing.memory import MemoryTransport
+from hw.testing.recording import Recording
+from hw.testing.usb_backend import SimulatedUsbBackend
 from hw.transport.contract import Transport
-from hw.transport.faulty import Faulty
-from hw.transport.memory import MemoryTransport
-from hw.transport.recording import Recording
 from hw.transport.serial import SerialTransport
 from hw.transport.tcp import TcpTransport
 from hw.transport.usbtmc import UsbTmcTransport

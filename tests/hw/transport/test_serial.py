@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
-from hw.simulated.serial_server import SerialServer
-from hw.simulated.waveform_generator import Simulated33220A
+from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.serving.serial import SerialServer
 from hw.transport.marker import scpi_marker
 from hw.transport.serial import SerialTransport
 from tests.hw.instruments import IMMEDIATE

@@ -15,8 +15,8 @@ import usb.backend.libusb1
 import usb.core
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
-from hw.simulated.usb_backend import SimulatedUsbBackend
-from hw.simulated.waveform_generator import Simulated33220A
+from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.testing.usb_backend import SimulatedUsbBackend
 from hw.transport.resource import make_transport
 from hw.transport.usbtmc import UsbTmcTransport
 from hw.transport.visa import VisaTransport

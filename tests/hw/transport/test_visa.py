@@ -10,9 +10,9 @@ from contextlib import contextmanager
 import pytest
 
 from hw.errors import DeviceDisconnected, DeviceTimeout
-from hw.simulated.serial_server import SerialServer
-from hw.simulated.tcp_server import TcpServer
-from hw.simulated.waveform_generator import Simulated33220A
+from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.serving.serial import SerialServer
+from hw.serving.tcp import TcpServer
 from hw.transport.marker import scpi_marker
 from hw.transport.visa import VisaTransport
 from tests.hw.instruments import IMMEDIATE

@@ -1,0 +1,123 @@
+"""Who may talk to the API over TCP, and how much: token, Host and Origin, size of a request.
+
+A page of another site can make a browser send requests to loopback, and can give its own name the address of loopback
+(DNS rebinding). The first lacks the token and has a foreign Origin, the second has a foreign Host.
+"""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass
+from urllib.parse import urlsplit
+
+from starlette.requests import HTTPConnection
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from haptic_driver.daemon.web.records import ErrorReport
+from haptic_driver.errors import HapticError
+
+MOST_BODY_BYTES = 16 * 1024
+POLICY_VIOLATION = 1008  # of WebSockets, RFC 6455 section 7.4.1
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+
+
+@dataclass(frozen=True)
+class TokenGate:
+    """Lets through what knows the token and comes from a page of ours, or from no page at all.
+
+    `hosts`: what `Host` may say, as `name:port`. The static files below `public` need no token; they hold no secrets.
+    The token comes in `Authorization: Bearer` or, for WebSockets of a browser, which cannot send that, in `?token=`.
+    """
+
+    app: ASGIApp
+    token: str
+    hosts: frozenset[str]
+    public: str
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        refused = self._refused(HTTPConnection(scope))
+        if refused is None:
+            await self.app(scope, receive, _with_headers(send))
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": refused[1].message})
+        else:
+            await refusal(*refused)(scope, receive, _with_headers(send))
+
+    def _refused(self, connection: HTTPConnection) -> tuple[int, HapticError] | None:
+        host, origin = connection.headers.get("host", ""), connection.headers.get("origin")
+        if host.lower() not in self.hosts:
+            return 403, HapticError("bad_host", "this address is not where the API is", "use the address it printed")
+        if origin is not None and not self._ours(origin):
+            return 403, HapticError("bad_origin", "a page of another site may not use the API", "open its own page")
+        if self._is_public(connection) or self._knows_token(connection):
+            return None
+        return 401, HapticError("no_token", "this needs the token", "send Authorization: Bearer TOKEN")
+
+    def _ours(self, origin: str) -> bool:
+        parts = urlsplit(origin)
+        return parts.scheme == "http" and parts.netloc.lower() in self.hosts
+
+    def _is_public(self, connection: HTTPConnection) -> bool:
+        path, method = connection.scope["path"], connection.scope.get("method")
+        return method in ("GET", "HEAD") and (path == "/" or path.startswith(self.public))
+
+    def _knows_token(self, connection: HTTPConnection) -> bool:
+        scheme, _, given = connection.headers.get("authorization", "").partition(" ")
+        if scheme.lower() != "bearer":
+            given = connection.query_params.get("token", "")
+        return secrets.compare_digest(given.strip().encode(), self.token.encode())
+
+
+@dataclass(frozen=True)
+class BodyLimit:
+    """Refuses a request with a body of more than `MOST_BODY_BYTES`, whatever length it claims to have."""
+
+    app: ASGIApp
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request; its body is read here and handed on whole."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        body = b""
+        while True:
+            message = await receive()
+            if message["type"] == "http.disconnect":
+                return
+            body += message.get("body", b"")
+            if len(body) > MOST_BODY_BYTES:
+                error = HapticError("too_large", f"a request has at most {MOST_BODY_BYTES} bytes", "send less")
+                await refusal(413, error)(scope, receive, send)
+                return
+            if not message.get("more_body", False):
+                break
+        whole: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
+
+        async def hand_on() -> Message:
+            return whole.pop() if whole else await receive()
+
+        await self.app(scope, hand_on, send)
+
+
+def refusal(status: int, error: HapticError) -> JSONResponse:
+    """The response that says an error."""
+    headers = {"WWW-Authenticate": "Bearer"} if status == 401 else None
+    return JSONResponse(ErrorReport.of(error).model_dump(), status, headers)
+
+
+def _with_headers(send: Send) -> Send:
+    async def adding(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            extra = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
+            message["headers"] = [*message["headers"], *extra]
+        await send(message)
+
+    return adding

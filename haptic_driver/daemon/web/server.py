@@ -1,0 +1,124 @@
+"""Where the API is served: a Unix socket for this user, and loopback TCP behind a token for the page."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import secrets
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import uvicorn
+from starlette.types import ASGIApp
+
+from haptic_driver.daemon.messages import Control
+from haptic_driver.daemon.place import Place
+from haptic_driver.daemon.private_file import write_private
+from haptic_driver.daemon.web.api import PAGE, create_app
+from haptic_driver.daemon.web.security import TokenGate
+from haptic_driver.errors import BadInputError, HapticError
+
+LOOPBACK = "127.0.0.1"
+START_TIMEOUT_S = 20.0
+STARTED_POLL_S = 0.005
+GRACE_S = 1  # for requests under way when the server ends
+MOST_MESSAGE_BYTES = 4096  # of a WebSocket client, which has nothing to say
+
+
+@contextmanager
+def serve(
+    control: Control, place: Place, tcp_port: int | None = None, interface: str = LOOPBACK, page: Path | None = None
+) -> Iterator[str | None]:
+    """Serve in a thread inside the `with` block; gives the page's address with its token, None without TCP.
+
+    At `place` whoever may open the socket may use the API. With `tcp_port` (0: any that is free) it is at `interface`
+    too, for those who know the token, which is also in a file of mode 0600 beside the socket. Raises HapticError when
+    a port cannot be had.
+    """
+    app = create_app(control, page)
+    servers, url, token_file = [(_server(app), place.listener)], None, None
+    if tcp_port is not None:
+        listener = _listen(interface, tcp_port)
+        token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
+        token_file = place.path.with_name(place.path.name + ".token")
+        gate = TokenGate(app, token, _hosts(interface, port), PAGE + "/")
+        servers.append((_server(gate), listener))
+        url = f"http://{_host(interface, port)}{PAGE}/?token={token}"
+        write_private(token_file, token + "\n")
+    try:
+        with _running(servers):
+            yield url
+    finally:
+        if token_file is not None:
+            token_file.unlink(missing_ok=True)
+
+
+@contextmanager
+def _running(servers: list[tuple[uvicorn.Server, socket.socket]]) -> Iterator[None]:
+    async def serve_all() -> None:
+        await asyncio.gather(*(server.serve(sockets=[listener]) for server, listener in servers))
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve_all()), name="api", daemon=True)
+    thread.start()
+    try:
+        until_s = time.monotonic() + START_TIMEOUT_S
+        while not all(server.started for server, _ in servers):
+            if not thread.is_alive() or time.monotonic() > until_s:
+                raise HapticError("no_api", "the API could not be started", "look at the log")
+            time.sleep(STARTED_POLL_S)
+        yield
+    finally:
+        for server, _ in servers:
+            server.should_exit = True
+        thread.join()
+        for _, listener in servers:
+            listener.close()
+
+
+def _server(app: ASGIApp) -> uvicorn.Server:
+    return uvicorn.Server(
+        uvicorn.Config(
+            app,
+            log_config=None,
+            log_level="warning",
+            access_log=False,  # addresses hold tokens
+            lifespan="off",
+            loop="asyncio",
+            ws="websockets-sansio",
+            ws_max_size=MOST_MESSAGE_BYTES,
+            proxy_headers=False,
+            server_header=False,
+            timeout_graceful_shutdown=GRACE_S,
+        )
+    )
+
+
+def _listen(interface: str, port: int) -> socket.socket:
+    try:
+        address = ipaddress.ip_address(interface)
+    except ValueError:
+        raise BadInputError("bad_interface", f"{interface!r} is no IP address", "give one, such as 127.0.0.1") from None
+    if address.is_unspecified:
+        raise BadInputError("bad_interface", f"{interface} means all interfaces", "name the one address to listen at")
+    listener = socket.socket(socket.AF_INET6 if address.version == 6 else socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((interface, port))
+    except OSError as error:
+        listener.close()
+        raise HapticError("no_port", f"{interface} port {port}: {error.strerror}", "choose another --port") from error
+    return listener
+
+
+def _host(interface: str, port: int) -> str:
+    return f"[{interface}]:{port}" if ":" in interface else f"{interface}:{port}"
+
+
+def _hosts(interface: str, port: int) -> frozenset[str]:
+    """What a browser's `Host` header says when it means this server."""
+    local = {f"localhost:{port}"} if ipaddress.ip_address(interface).is_loopback else set()
+    return frozenset({_host(interface, port)} | local)

@@ -1,0 +1,292 @@
+"""Population studies: many fingers times screens and models -> surfaces, what each can reach, and how that spreads.
+
+Every task (one finger at one combination of levels) is a pure function of the plan and its number, so that it gives the
+same numbers on this machine and on a cluster. Each finished task is one line of `tasks.jsonl`; a study that was stopped
+goes on after the last whole line.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import product
+from math import inf
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from haptic_driver.config import find_config, parse, read_toml
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.files import replacing
+from haptic_driver.limits import OperatingLimits
+from haptic_driver.render.controller import Controller, ControllerSettings
+from haptic_driver.render.surface import NO_CAPS, invert
+from haptic_driver.rig.config import load_rig
+from haptic_driver.surface.build import SurfaceAxes, build_surface
+from haptic_driver.surface.file import Array, SurfaceFile, ready_for_lookup
+from haptic_driver.surface.models import load_model
+from model.conditions import Conditions
+from model.description import ModelDescription
+from model.diagnosis.space import FINGER
+from model.parameters import SPECIFICATION
+from model.support.errors import nearest
+from model.touch_model import TouchModel
+
+MOST_TASKS = 1_000_000
+MOST_STD = 2.5  # a drawn finger lies no further out, so that none is impossible
+BETWEEN_FINGERS = {n.name: n.log_std for n in FINGER if n.name != "cof_off"}
+TASKS, TABLE, SURFACES = "tasks.jsonl", "fingers.csv", "surfaces"
+NUMBERS = ("cof", "electrostatic_force_n", "current_rms_a", "reachable_low", "reachable_high", "share_pulled_in")
+PERCENTILES = (5, 25, 50, 75, 95)
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class _Grid(_Section):
+    """Points of each finger's surface."""
+
+    frequency_count: Annotated[int, Field(ge=4, le=400)] = 61
+    voltage_count: Annotated[int, Field(ge=4, le=400)] = 61
+    normal_force_count: Annotated[int, Field(ge=4, le=40)] = 5
+
+
+class _At(_Section):
+    """The condition at which every finger is compared."""
+
+    frequency_hz: Annotated[FiniteFloat, Field(ge=1.0, le=1e6)] = 250.0
+    voltage_v: Annotated[FiniteFloat, Field(gt=0.0, le=1000.0)] = 75.0
+    normal_force_n: Annotated[FiniteFloat, Field(ge=0.1, le=2.0)] = 0.5
+
+
+class StudyPlan(_Section):
+    """A study as its file says.
+
+    `spread`: standard deviation of the logarithm of each number that differs between fingers, around the model's own;
+    `levels`: numbers of the model set to each of several values, in every combination, for every finger.
+    """
+
+    name: str
+    about: str = ""
+    model: str = "reference"
+    rig: str = "simulated"
+    fingers: Annotated[int, Field(ge=1)]
+    seed: Annotated[int, Field(ge=0)] = 1
+    spread: dict[str, Annotated[FiniteFloat, Field(ge=0.0, le=2.0)]] = BETWEEN_FINGERS
+    levels: dict[str, Annotated[list[FiniteFloat], Field(min_length=1)]] = {}
+    surface: _Grid = _Grid()
+    at: _At = _At()
+    keep_surfaces: bool = False
+
+    @property
+    def combinations(self) -> list[dict[str, float]]:
+        """Every combination of the levels."""
+        return [dict(zip(self.levels, values, strict=True)) for values in product(*self.levels.values())]
+
+    @property
+    def count(self) -> int:
+        """Number of tasks: combinations run fastest."""
+        return self.fingers * len(self.combinations)
+
+
+@dataclass(frozen=True)
+class Study:
+    """A plan with everything it names loaded: what a worker needs, wherever it runs."""
+
+    plan: StudyPlan
+    description: ModelDescription
+    limits: OperatingLimits
+    controller: dict[str, Any]
+
+    @property
+    def content_hash(self) -> str:
+        """Equal where every task gives the same numbers."""
+        said = [self.plan.model_dump_json(exclude={"about"}), self.description.content_hash, repr(self.limits)]
+        return hashlib.sha256(json.dumps([*said, self.controller], sort_keys=True).encode()).hexdigest()[:16]
+
+    def finger(self, number: int) -> dict[str, float]:
+        """The numbers of one finger, the same for every combination of levels."""
+        rng = np.random.default_rng([self.plan.seed, number])
+        drawn = {}
+        for name, log_std in sorted(self.plan.spread.items()):
+            x = float(np.clip(rng.standard_normal(), -MOST_STD, MOST_STD))
+            drawn[name] = self.description.parameters[name].value * float(np.exp(log_std * x))
+        return drawn
+
+    def run(self, task: int, out: Path | None = None) -> dict[str, Any]:
+        """One task: the surface of one finger at one combination of levels, and what it can reach.
+
+        Writes the surface under `out` where the plan keeps surfaces.
+        """
+        combinations = self.plan.combinations
+        finger = task // len(combinations)
+        values = self.finger(finger) | combinations[task % len(combinations)]
+        description = _with(self.description, values)
+        axes = SurfaceAxes(voltage_high_v=self.limits.voltage_v, **self.plan.surface.model_dump())
+        file = build_surface(description, self.limits, axes)
+        if out is not None and self.plan.keep_surfaces:
+            file.write(out / SURFACES / f"{task:06d}.h5")
+        return {"task": task, "finger": finger, "values": values, **self._measured(description, file)}
+
+    def _measured(self, description: ModelDescription, file: SurfaceFile) -> dict[str, Any]:
+        at = self.plan.at
+        point = Conditions(*(np.array([x]) for x in (at.frequency_hz, at.voltage_v, at.normal_force_n)))
+        answer = TouchModel(description).predict(point)
+        lookup = ready_for_lookup(file, self.limits)
+        low, high = Controller(ControllerSettings(lookup, self.limits, **self.controller)).reachable(at.normal_force_n)
+        return {
+            "cof": float(answer.cof[0]),
+            "electrostatic_force_n": float(answer.electrostatic_force_n[0]),
+            "current_rms_a": float(answer.current_rms_a[0]),
+            "reachable_low": low,
+            "reachable_high": high,
+            "share_pulled_in": float(file.pulled_in.mean()),
+            "highest_cof": [invert(lookup, inf, f, at.normal_force_n, NO_CAPS).cof for f in self.frequency_hz.tolist()],
+        }
+
+    @property
+    def frequency_hz(self) -> Array:
+        """Where `highest_cof` of a task is given [f]."""
+        return SurfaceAxes(frequency_count=self.plan.surface.frequency_count).frequency_hz
+
+
+def _with(description: ModelDescription, values: dict[str, float]) -> ModelDescription:
+    changed = {name: replace(description.parameters[name], value=value) for name, value in values.items()}
+    return replace(description, parameters=description.parameters | changed)
+
+
+def load_study(name_or_path: str) -> Study:
+    """A study by the name of its plan in `configs/populations/`, or by path; BadInputError says what is wrong where."""
+    path = find_config(name_or_path, "populations")
+    plan = parse(StudyPlan, read_toml(path), str(path))
+    for name in (*plan.spread, *plan.levels):
+        if name not in SPECIFICATION:
+            hint = nearest(name, list(SPECIFICATION))
+            raise BadInputError("unknown_key", f"{path}: the model has no number '{name}'", hint)
+    for name, values in plan.levels.items():
+        low, high = SPECIFICATION[name]["low"], SPECIFICATION[name]["high"]
+        if not all(low <= value <= high for value in values):
+            raise BadInputError("bad_config", f"{path}: levels.{name} is out of range", f"Within {low:g}..{high:g}")
+    if plan.count > MOST_TASKS:
+        raise BadInputError("bad_config", f"{path}: the study has {plan.count} tasks", f"At most {MOST_TASKS}")
+    rig = load_rig(plan.rig)
+    return Study(plan, load_model(plan.model), rig.operating_limits(), rig.controller.model_dump())
+
+
+def run_study(
+    study: Study, out: Path, *, cluster: str | None = None, workers: int | None = None,
+    advance: Callable[[int], None] = lambda done: None,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Every task of the study, in order; those already in `out` are not run again.
+
+    On `workers` processes of this machine, or on the Dask cluster whose scheduler listens at `cluster`. `advance` is
+    told the number of tasks done. BadInputError where `out` holds another study.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    done = _resume(study, out / TASKS)
+    left = [task for task in range(study.plan.count) if task not in done]
+    if left:
+        where = out.resolve() if cluster is None else None  # a cluster's workers need not see this disk
+        with _executor(cluster, workers) as pool, (out / TASKS).open("a", encoding="utf-8") as file:
+            for found in _finished(pool, study, left, where):
+                file.write(json.dumps(found) + "\n")
+                file.flush()
+                done[found["task"]] = found
+                advance(len(done))
+    results = [done[task] for task in range(study.plan.count)]
+    _write_table(results, out / TABLE)
+    return results
+
+
+def _finished(pool: Executor, study: Study, tasks: list[int], out: Path | None) -> Iterator[dict[str, Any]]:
+    futures = [pool.submit(study.run, task, out) for task in tasks]
+    try:
+        for future in as_completed(futures):
+            yield future.result()
+    except BrokenProcessPool as error:
+        raise HapticError(
+            "worker_lost", "a worker process died", "Run the same command again: finished tasks are kept"
+        ) from error
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+def _resume(study: Study, path: Path) -> dict[int, dict[str, Any]]:
+    """Finished tasks by number; a last line that was being written when the study stopped is cut off."""
+    head = json.dumps({"study": study.plan.name, "hash": study.content_hash})
+    whole = path.read_bytes().rpartition(b"\n")[0] if path.exists() else b""
+    lines = whole.decode("utf-8", "replace").split("\n") if whole else []
+    if lines and lines[0] != head:
+        raise BadInputError(
+            "other_study", f"{path}: holds another study, or the plan or model has changed", "Choose another --out"
+        )
+    try:
+        done = {found["task"]: found for found in map(json.loads, lines[1:])}
+    except (ValueError, TypeError, KeyError) as error:
+        raise BadInputError("bad_study", f"{path}: is damaged ({error})", "Remove it to begin again") from error
+    with replacing(path) as part:
+        part.write_text("\n".join([head, *lines[1:], ""]), encoding="utf-8")
+    return done
+
+
+@contextmanager
+def _executor(cluster: str | None, workers: int | None) -> Iterator[Executor]:
+    """Processes of this machine, or the workers of a Dask cluster behind the same interface."""
+    if cluster is None:
+        fresh = multiprocessing.get_context("spawn")  # compiled kernels and threads do not survive a fork
+        with ProcessPoolExecutor(workers or min(os.cpu_count() or 1, 8), mp_context=fresh) as pool:
+            yield pool
+        return
+    try:
+        from distributed import Client  # noqa: PLC0415  (an extra, untyped)
+    except ImportError as error:
+        raise HapticError(
+            "missing_package", "--cluster needs Dask, which is not installed", "pip install 'haptic-driver[cluster]'"
+        ) from error
+    try:
+        client: Any = Client(cluster, timeout=20)  # type: ignore[no-untyped-call]
+    except (OSError, TimeoutError, ValueError) as error:
+        raise HapticError(
+            "no_cluster", f"no Dask scheduler answers at {cluster} ({error})", "For example tcp://127.0.0.1:8786"
+        ) from error
+    with client, client.get_executor(pure=False) as pool:
+        yield pool
+
+
+def _write_table(results: list[dict[str, Any]], path: Path) -> None:
+    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        names = list(results[0]["values"])
+        writer.writerow(["task", "finger", *names, *NUMBERS])
+        for found in results:
+            numbers = [*(found["values"][n] for n in names), *(found[n] for n in NUMBERS)]
+            writer.writerow([found["task"], found["finger"], *(f"{x:.9g}" for x in numbers)])
+
+
+def statistics(study: Study, results: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """For every combination of levels: percentiles of each number over the fingers for which it exists."""
+    combinations = study.plan.combinations
+    found = []
+    for i, levels in enumerate(combinations):
+        own = results[i :: len(combinations)]
+        spreads: dict[str, Any] = {}
+        for name in NUMBERS:
+            values = np.array([r[name] for r in own], dtype=float)
+            known = values[np.isfinite(values)]
+            percentiles = np.percentile(known, PERCENTILES).tolist() if known.size else [None] * len(PERCENTILES)
+            spreads[name] = {f"p{p}": v for p, v in zip(PERCENTILES, percentiles, strict=True)}
+            spreads[name]["count"] = int(known.size)
+        found.append({"levels": levels, **spreads})
+    return found

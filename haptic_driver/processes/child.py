@@ -1,0 +1,101 @@
+"""One child process: started, ready, watched, ended."""
+
+from __future__ import annotations
+
+import json
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+from haptic_driver.errors import HapticError
+
+STOP_TIMEOUT_S = 5.0
+
+
+class Child:
+    """One process, run as a module of this program; it says one JSON line when it is ready.
+
+    It is in a session of its own, so that what interrupts the daemon does not end it before the output is off.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        module: str,
+        arguments: Sequence[object],
+        *,
+        given: bytes = b"",
+        descriptors: Sequence[int] = (),
+    ) -> None:
+        self.name = name
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", module, *map(str, arguments)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            pass_fds=descriptors,
+            start_new_session=True,
+        )
+        self._said: queue.Queue[bytes] = queue.Queue()
+        self._threads = [
+            threading.Thread(target=self._listen, daemon=True),
+            threading.Thread(target=self._give, args=(given,), daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid
+
+    @property
+    def ended(self) -> str | None:
+        """How it ended, in words; None while it runs."""
+        status = self._process.poll()
+        if status is None:
+            return None
+        how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
+        return f"the {self.name} process was {how}" if status < 0 else f"the {self.name} process {how}"
+
+    def ready(self, timeout_s: float) -> dict[str, Any]:
+        """What it said when it was ready. Raises HapticError when it does not get there."""
+        with suppress(queue.Empty, json.JSONDecodeError):
+            said: dict[str, Any] = json.loads(self._said.get(timeout=timeout_s))
+            return said
+        why = self.ended or f"the {self.name} process said nothing for {timeout_s:g} s"
+        self.kill()
+        raise HapticError("not_started", why, "what it wrote to standard error says more")
+
+    def stop(self) -> None:
+        """Ask it to end, and make it; does nothing more when it has ended."""
+        self._process.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(STOP_TIMEOUT_S)
+        self.kill()
+
+    def kill(self) -> None:
+        """End it without asking."""
+        self._process.kill()
+        self._process.wait()
+        for thread in self._threads:
+            thread.join()
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            with suppress(OSError):
+                pipe.close()
+
+    def _listen(self) -> None:
+        assert self._process.stdout is not None
+        self._said.put(self._process.stdout.readline())
+
+    def _give(self, given: bytes) -> None:
+        """Its standard input stays open afterwards: its end tells a child that we are gone."""
+        assert self._process.stdin is not None
+        with suppress(OSError):
+            self._process.stdin.write(given)
+            self._process.stdin.flush()

@@ -1,0 +1,293 @@
+"""The memory that control and render share: slots swapped as a whole, the target, and a ring of samples.
+
+It is an anonymous file that only those who are handed its descriptor can see; it has no name that could be guessed or
+left behind, and is gone with the last process that has it, however that ended. Nobody ever waits for anybody here.
+"""
+
+from __future__ import annotations
+
+import math
+import mmap
+import os
+import pickle
+import struct
+import zlib
+from dataclasses import dataclass
+from typing import Any, Generic, NamedTuple, TypeVar, cast, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.processes.samples import COURSE, SAMPLE
+from haptic_driver.render.texture import Target
+
+RING_SAMPLES = 1 << 14  # 16 s at 1 kHz
+RING_COURSES = 1 << 6
+TARGET_BYTES = 1 << 24  # for each of two targets, e.g. a map of 2 million pixels
+SLOT_BYTES = 256
+_HEADER_BYTES = 16  # of a slot
+_RING_HEADER_BYTES = 64
+ATTEMPTS = 8  # at a copy that a writer keeps disturbing
+_FORMATS = {float: "d", int: "q", bool: "?"}
+_CELLS = {"f8": "d", "u8": "Q", "u4": "I", "u1": "B"}
+
+
+class Sensed(NamedTuple):
+    """What the sensors said last, each at its own time on CLOCK_MONOTONIC; from control to render."""
+
+    finger_time_s: float
+    position_x_m: float
+    position_y_m: float
+    touching: bool
+    force_time_s: float
+    normal_force_n: float
+    lateral_force_n: float
+    saturated: bool
+
+
+class Order(NamedTuple):
+    """What control wants of render; `number` counts orders, `arming` counts armings and 0 is none.
+
+    Output is wanted while `rendering`, until `lease_until_s`, and while control goes on beating at `beat_s`.
+    `target` is the number of the target in force. Flags and faults are forgotten when `arming` changes.
+    """
+
+    number: int
+    arming: int
+    rendering: bool
+    lease_until_s: float
+    beat_s: float
+    target: int
+
+
+class Output(NamedTuple):
+    """What render puts out; `order` and `target` are the numbers of those it followed.
+
+    `tick` counts instants, `overruns` those that were missed. `flags` of `samples.Flag`; `time_s` when it was written.
+    """
+
+    order: int
+    target: int
+    tick: int
+    time_s: float
+    frequency_hz: float
+    voltage_v: float
+    output_on: bool
+    overruns: int
+    flags: int
+    target_cof: float
+
+
+class Driven(NamedTuple):
+    """Since when render's outputs have been reaching the electrode, but for the usual latency; inf while they do not.
+
+    From control's pump to render.
+    """
+
+    since_s: float
+
+
+NOTHING_SENSED = Sensed(-np.inf, np.nan, np.nan, False, -np.inf, 0.0, 0.0, False)
+NO_ORDER = Order(0, 0, False, -np.inf, -np.inf, 0)
+NO_OUTPUT = Output(0, 0, 0, -np.inf, 0.0, 0.0, False, 0, 0, np.nan)
+NOT_DRIVEN = Driven(np.inf)
+
+Values = TypeVar("Values", bound=tuple[Any, ...])
+
+
+class Slot(Generic[Values]):
+    """One record with one writer and any number of readers, who see the newest whole record and never half of one.
+
+    A sequence number around the content is odd while a writer is at it. The checksum makes a torn copy show on
+    processors that reorder memory accesses too.
+    """
+
+    def __init__(self, memory: memoryview, initial: Values) -> None:
+        kinds = "".join(_FORMATS[kind] for kind in get_type_hints(type(initial)).values())
+        self._content = struct.Struct("=" + kinds)
+        self._whole = struct.Struct("=QI4x" + kinds)  # sequence number, checksum, content
+        assert self._whole.size <= len(memory)
+        self._memory = memory[: self._whole.size]
+        self._sequence = memory[:8].cast("Q")
+        self._check = memory[8:12].cast("I")
+        self._body = self._memory[_HEADER_BYTES:]
+        self._make = cast(Any, type(initial))._make
+        self._newest = initial
+        self._newest_sequence = 0
+
+    def write(self, values: Values) -> None:
+        """Replace the record."""
+        sequence = self._sequence[0] | 1  # a writer that was killed left it odd
+        content = self._content.pack(*values)
+        self._sequence[0] = sequence
+        self._body[:] = content
+        self._check[0] = zlib.crc32(content, (sequence + 1) & 0xFFFFFFFF)
+        self._sequence[0] = sequence + 1
+
+    def read(self) -> Values:
+        """The newest record; the one read before when a writer is at it for too long or was killed there."""
+        for _ in range(ATTEMPTS):
+            if self._sequence[0] == self._newest_sequence:
+                break
+            copy = self._memory.tobytes()
+            sequence, check, *values = self._whole.unpack(copy)
+            if sequence & 1 or self._sequence[0] != sequence:
+                continue
+            if zlib.crc32(copy[_HEADER_BYTES:], sequence & 0xFFFFFFFF) == check:
+                self._newest, self._newest_sequence = self._make(values), sequence
+                break
+        return self._newest
+
+
+class Taken(NamedTuple):
+    """Samples read from the ring, how many had been overwritten before, and where to go on."""
+
+    samples: NDArray[np.void]
+    lost: int
+    position: int
+
+
+class Ring:
+    """The last `length` samples of one kind. One writer, who never waits; every reader keeps a position of its own.
+
+    Who reads too late loses the oldest, and is told how many.
+    """
+
+    def __init__(self, memory: memoryview, kind: np.dtype[np.void], length: int) -> None:
+        self._count = memory[:8].cast("Q")
+        self._cells = memory[_RING_HEADER_BYTES:]
+        self._length = length
+        self._samples = np.frombuffer(self._cells, kind, length)
+        fields = [kind[name] for name in kind.names or ()]
+        self._pack = struct.Struct("=" + "".join(f"{math.prod(f.shape)}{_CELLS[f.base.str[1:]]}" for f in fields))
+        assert self._pack.size == kind.itemsize
+
+    @property
+    def position(self) -> int:
+        """How many samples were ever written."""
+        return self._count[0]
+
+    def put(self, sample: tuple[float, ...]) -> None:
+        """Put one sample, its numbers in order, where the next one goes; it does not count yet."""
+        self._pack.pack_into(self._cells, (self._count[0] % self._length) * self._pack.size, *sample)
+
+    def write(self, sample: tuple[float, ...]) -> None:
+        """Add one sample."""
+        self.put(sample)
+        self._count[0] += 1
+
+    def read(self, position: int) -> Taken:
+        """What was written since `position`."""
+        end = self.position
+        start = max(position, end - self._length + 1)
+        copy = self._samples.take(np.arange(start, end), mode="wrap")
+        overwritten = max(self.position - self._length + 1 - start, 0)  # while we copied; one more is being written
+        kept = copy[overwritten:]
+        return Taken(kept, end - position - len(kept), end)
+
+
+class TargetStore:
+    """What is to be rendered, for a reader who takes it between two ticks, at once and without copying a map.
+
+    Two places are used in turn: one that is in use is never written to. Targets are numbered from 1.
+    """
+
+    _HEADER = struct.Struct("=QQ")  # bytes of the record, bytes of the numbers of a map after it
+
+    def __init__(self, memory: memoryview) -> None:
+        self._places = [memory[i * TARGET_BYTES : (i + 1) * TARGET_BYTES] for i in range(2)]
+
+    def write(self, number: int, target: Target) -> None:
+        """Put target `number` where no reader is as long as `number - 1` is in use. BadInputError when too large."""
+        buffers: list[pickle.PickleBuffer] = []
+        record = pickle.dumps(target, protocol=5, buffer_callback=buffers.append)
+        maps = [buffer.raw() for buffer in buffers]
+        sizes = struct.pack(f"={len(maps)}Q", *(m.nbytes for m in maps))
+        starts = len(record) + self._HEADER.size + len(sizes)
+        total = starts + sum(m.nbytes + 64 for m in maps)
+        if total > TARGET_BYTES:
+            raise BadInputError(
+                "texture_too_large",
+                f"the texture takes {total / 1e6:.1f} MB, the most is {TARGET_BYTES / 1e6:.1f} MB",
+                "give it a coarser pitch",
+            )
+        place = self._places[number % 2]
+        self._HEADER.pack_into(place, 0, len(record), len(maps))
+        place[self._HEADER.size : self._HEADER.size + len(sizes)] = sizes
+        place[starts - len(record) : starts] = record
+        at = starts
+        for part in maps:
+            at = _aligned(at)
+            place[at : at + part.nbytes] = part
+            at += part.nbytes
+
+    def read(self, number: int) -> Target:
+        """Target `number`; its maps stay in this memory."""
+        place = self._places[number % 2].toreadonly()
+        length, count = self._HEADER.unpack_from(place)
+        sizes = struct.unpack_from(f"={count}Q", place, self._HEADER.size)
+        record_at = self._HEADER.size + 8 * count
+        at, maps = record_at + length, []
+        for size in sizes:
+            at = _aligned(at)
+            maps.append(place[at : at + size])
+            at += size
+        return cast(Target, pickle.loads(place[record_at : record_at + length], buffers=maps))
+
+
+def _aligned(offset: int) -> int:
+    return -(-offset // 64) * 64
+
+
+_RING_AT = 4 * SLOT_BYTES
+_COURSES_AT = _RING_AT + _RING_HEADER_BYTES + RING_SAMPLES * SAMPLE.itemsize
+_TARGETS_AT = -(-(_COURSES_AT + _RING_HEADER_BYTES + RING_COURSES * COURSE.itemsize) // 4096) * 4096
+_TOTAL_BYTES = _TARGETS_AT + 2 * TARGET_BYTES
+
+
+@dataclass
+class SharedState:
+    """The memory and what lies in it; `descriptor` is what another process needs to see the same."""
+
+    descriptor: int
+    sensed: Slot[Sensed]
+    order: Slot[Order]
+    output: Slot[Output]
+    driven: Slot[Driven]
+    ring: Ring
+    courses: Ring
+    targets: TargetStore
+
+    def __init__(self, descriptor: int | None = None) -> None:
+        if descriptor is None:
+            descriptor = _new_memory()
+        if os.fstat(descriptor).st_size != _TOTAL_BYTES:
+            raise HapticError("bad_memory", "the shared memory is of another version", "restart the daemon")
+        self.descriptor = descriptor
+        self._map = mmap.mmap(descriptor, _TOTAL_BYTES)
+        memory = memoryview(self._map)
+        slots = [memory[i * SLOT_BYTES : (i + 1) * SLOT_BYTES] for i in range(4)]
+        self.sensed = Slot(slots[0], NOTHING_SENSED)
+        self.order = Slot(slots[1], NO_ORDER)
+        self.output = Slot(slots[2], NO_OUTPUT)
+        self.driven = Slot(slots[3], NOT_DRIVEN)
+        self.ring = Ring(memory[_RING_AT:_COURSES_AT], SAMPLE, RING_SAMPLES)
+        self.courses = Ring(memory[_COURSES_AT:_TARGETS_AT], COURSE, RING_COURSES)
+        self.targets = TargetStore(memory[_TARGETS_AT:])
+
+    def close(self) -> None:
+        """Give the descriptor back; the memory itself goes when nobody uses it any more."""
+        os.close(self.descriptor)
+
+
+def practice_slot() -> Slot[Output]:
+    """A slot for outputs that nobody reads."""
+    return Slot(memoryview(bytearray(SLOT_BYTES)), NO_OUTPUT)
+
+
+def _new_memory() -> int:
+    """An anonymous file in memory, not inherited by any process that is not given it."""
+    descriptor = os.memfd_create("haptic-driver", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+    os.ftruncate(descriptor, _TOTAL_BYTES)
+    return descriptor

@@ -1,0 +1,165 @@
+"""The recorder process: shared ring -> HDF5; and the handle by which control starts, feeds and ends it.
+
+    python -m haptic_driver.recording.process RING TALK < settings
+
+takes pickled `RecorderSettings` from standard input and says on standard output whether it records, as one JSON line.
+Events come as datagrams over TALK; its end, also by the death of control, is the end of the run. The last thing said
+there is one JSON object, `{"why": null}` or what went wrong.
+"""
+
+from __future__ import annotations
+
+import json
+import pickle
+import signal
+import socket
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.processes.child import Child
+from haptic_driver.processes.shared_memory import SharedState, Taken
+from haptic_driver.recording.event import Event
+from haptic_driver.recording.writer import INTERVAL_S, RunHeader, RunWriter, checked_path, record, remove_hidden
+
+START_TIMEOUT_S = 20.0
+STOP_TIMEOUT_S = 10.0
+MOST_BYTES = 1 << 16  # of one datagram
+
+
+@dataclass(frozen=True)
+class RecorderSettings:
+    """Where to record, what to say of the run, and from which sample on."""
+
+    path: Path
+    header: RunHeader
+    position: int
+
+
+class Recorder:
+    """A recorder process as control sees it. Raises BadInputError when `path` cannot be used.
+
+    Nothing here waits for the disk, except `stop`.
+    """
+
+    def __init__(self, path: Path, header: RunHeader, shared: SharedState) -> None:
+        self.path = checked_path(path)
+        self._talk, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            settings = RecorderSettings(self.path, header, shared.ring.position)
+            self._child = Child(
+                "recorder", __name__, [shared.descriptor, theirs.fileno()],
+                given=pickle.dumps(settings), descriptors=[shared.descriptor, theirs.fileno()],
+            )  # fmt: skip
+            said = self._child.ready(START_TIMEOUT_S)
+            if "error" in said:
+                self._child.stop()
+                raise BadInputError(**said["error"])
+        except BaseException:
+            self._talk.close()
+            raise
+        finally:
+            theirs.close()
+        self._talk.setblocking(False)
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._child.pid
+
+    def note(self, event: Event) -> None:
+        """Record an event too. One that a stuck recorder does not take is left out; the numbers then show the gap."""
+        with suppress(OSError):
+            self._talk.send(event.model_dump_json().encode())
+
+    def ended(self) -> str | None:
+        """Why it has ended by itself (disk full, killed); None while it records."""
+        return self._last_word() if self._child.ended else None
+
+    def stop(self) -> str | None:
+        """End the run in good order; why that failed, or None."""
+        with suppress(OSError):
+            self._talk.shutdown(socket.SHUT_WR)
+        self._talk.settimeout(STOP_TIMEOUT_S)
+        return self._last_word()
+
+    def _last_word(self) -> str | None:
+        """What it said at its end; then nothing of it is left."""
+        died = f"the recorder died; what came before is in {self.path}"
+        try:
+            said = self._talk.recv(MOST_BYTES)
+            why: str | None = json.loads(said)["why"] if said else died
+        except OSError:
+            why = died
+        self._talk.close()
+        self._child.stop()
+        remove_hidden(self.path)
+        return why
+
+
+class _Talk:
+    """The recorder's end of the conversation."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._socket = socket.socket(fileno=descriptor)
+        signal.signal(signal.SIGTERM, lambda number, frame: self._hang_up())
+
+    def wait(self) -> tuple[Sequence[Event], bool]:
+        """Events until `INTERVAL_S` have passed or control hangs up, and whether it has."""
+        events: list[Event] = []
+        until_s = time.monotonic() + INTERVAL_S
+        while (left_s := until_s - time.monotonic()) > 0.0:
+            self._socket.settimeout(left_s)
+            with suppress(TimeoutError):
+                said = self._socket.recv(MOST_BYTES)
+                if not said:
+                    return events, True
+                events.append(Event.model_validate_json(said))
+        return events, False
+
+    def say_last(self, why: str | None) -> None:
+        """Tell control how it ended, and hang up."""
+        with suppress(OSError):
+            self._socket.send(json.dumps({"why": why}).encode())
+        self._socket.close()
+
+    def _hang_up(self) -> None:
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RD)
+
+
+def main() -> int:
+    """Record until control hangs up; exit status 1 when that failed."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # too large a file is an error like a full disk
+    shared, talk = SharedState(int(sys.argv[1])), _Talk(int(sys.argv[2]))
+    settings: RecorderSettings = pickle.load(sys.stdin.buffer)
+    position = settings.position
+
+    def drain() -> Taken:
+        nonlocal position
+        taken = shared.ring.read(position)
+        position = taken.position
+        return taken
+
+    try:
+        writer = RunWriter(settings.path, settings.header)
+    except HapticError as error:
+        content = {"code": error.code, "message": error.message, "hint": error.hint}
+        print(json.dumps({"error": content}), flush=True)
+        return 1
+    print(json.dumps({"recording": str(settings.path)}), flush=True)
+    try:
+        record(writer, drain, talk.wait)
+    except HapticError as error:
+        talk.say_last(f"{error.message}. {error.hint}")
+        return 1
+    talk.say_last(None)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,223 @@
+"""Recordings of the daemon: HDF5, readable from MATLAB, one group per run; reading them, and export to CSV and Parquet.
+
+`/run_0001`, `/run_0002`, ... each hold
+- `samples/NAME`: one dataset per field of `daemon.samples.SAMPLE`, one entry per tick; units are in the names, and
+  positions are there raw (`position_x_m`) and extrapolated to output time (`output_x_m`);
+- `events/NAME`: one dataset per field of `daemon.records.Event`, `data` as JSON;
+- `config`: the rig's full resolved configuration, JSON;
+- attributes, all strings or floats (MATLAB's h5readatt fails on integers): `rig`, `model`, `simulated` (1 or 0),
+  `surface_hash`, `calibration_ids` (JSON), `software_version`, `actuator`, `latency_budget_s` (JSON), `started_at`
+  (UTC), `started_s` (CLOCK_MONOTONIC, as every time in a recording), `samples_lost` (overwritten before they were
+  read), and `complete`: 1 when the recorder has ended in good order, 0 while it records and after its crash.
+"""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.files import exists_already, replacing
+from haptic_driver.processes.samples import SAMPLE
+from haptic_driver.recording.event import Event
+
+FORMAT = "haptic-driver recording"
+FORMAT_VERSION = 1.0
+FIELDS: tuple[str, ...] = SAMPLE.names or ()
+EVENT_FIELDS = {"number": "u8", "time_s": "f8", "kind": h5py.string_dtype(), "message": h5py.string_dtype(),
+                "data": h5py.string_dtype()}  # fmt: skip
+BLOCK_ROWS = 1 << 15  # exported at a time
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of a recording, in memory. `attributes` as listed above, JSON already parsed."""
+
+    name: str
+    attributes: dict[str, Any]
+    config: dict[str, Any]
+    samples: NDArray[np.void]
+    events: list[Event]
+
+
+def run_names(path: Path) -> list[str]:
+    """Runs of a recording, oldest first. BadInputError when it is none."""
+    with _opened(path) as file:
+        return _names(file)
+
+
+def read_run(path: Path, name: str | None = None) -> Run:
+    """One run, the last unless named. BadInputError for a missing, damaged, foreign or newer file."""
+    with _opened(path) as file:
+        group = _group(path, file, name)
+        count = group["samples/tick"].shape[0]
+        samples = np.empty(count, SAMPLE)
+        for field in FIELDS:
+            samples[field] = _column(group[f"samples/{field}"], slice(None))
+        return Run(
+            group.name.strip("/"), _attributes(group), json.loads(group["config"].asstr()[()]), samples, _events(group)
+        )
+
+
+def check_recording(path: Path) -> None:
+    """Raise BadInputError when a file is no recording that this program can read."""
+    with _opened(path):
+        pass
+
+
+def export(
+    path: Path, out: Path, *, run: str | None = None, events: bool = False, force: bool = False,
+    progress: Callable[[int], None] = lambda rows: None,
+) -> int:  # fmt: skip
+    """Write the samples of a run (or its events) as a table, .csv or .parquet by the ending of `out`; returns its rows.
+
+    NaN is an empty cell in CSV. `progress` is told the rows done. BadInputError for an unknown ending, a file that
+    exists (unless `force`) and an unreadable recording; HapticError when it cannot be written. All or nothing.
+    """
+    write = {".csv": _write_csv, ".parquet": _write_parquet}.get(out.suffix.lower())
+    if write is None:
+        raise BadInputError("bad_ending", f"{out}: ends neither in .csv nor in .parquet", "Give --out run.csv")
+    if out.exists() and not force:
+        raise exists_already(out)
+    with _opened(path) as file:
+        group = _group(path, file, run)
+        table = group["events" if events else "samples"]
+        fields = tuple(EVENT_FIELDS) if events else FIELDS
+        about = {"recording": path.name, "run": group.name.strip("/"), **_attributes(group)}
+        with replacing(out) as part:
+            write(part, fields, _blocks(table, fields, progress), about)
+        return int(table[fields[0]].shape[0])
+
+
+def row_count(path: Path, run: str | None = None, *, events: bool = False) -> int:
+    """Samples (or events) in a run."""
+    with _opened(path) as file:
+        return int(_group(path, file, run)["events/number" if events else "samples/tick"].shape[0])
+
+
+# --- inside ----------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    """The open file, known to be a recording; what fails while it is read is a BadInputError too."""
+    if not os.path.isfile(path):
+        said = "is a folder, not a recording" if os.path.isdir(path) else "there is no such recording"
+        raise BadInputError("recording_not_found", f"{path}: {said}", "Check the path")
+    try:
+        file = h5py.File(path, "r", locking=False)
+    except OSError as error:
+        raise BadInputError(
+            "recording_unreadable",
+            f"{path}: not a readable HDF5 file ({error})",
+            "Give a file that haptic record wrote",
+        ) from error
+    with file:
+        try:
+            _check_format(path, file)
+            yield file
+        except (KeyError, ValueError, RuntimeError) as error:
+            raise BadInputError(
+                "recording_unreadable", f"{path}: is damaged ({error})", "Look at it with h5dump; use another copy"
+            ) from error
+
+
+def _check_format(path: Path, file: h5py.File) -> None:
+    if file.attrs.get("format") != FORMAT:
+        raise BadInputError(
+            "recording_foreign", f"{path}: is HDF5 but not a recording", "Give a file that haptic record wrote"
+        )
+    version = float(file.attrs["format_version"])
+    if version != FORMAT_VERSION:
+        raise BadInputError(
+            "recording_version", f"{path}: has format {version:g}, this program reads {FORMAT_VERSION:g}",
+            "Use the version of haptic-driver that wrote it, or a newer one",
+        )  # fmt: skip
+
+
+def _names(file: h5py.File) -> list[str]:
+    return sorted(file, key=lambda name: (len(name), name))  # run_10000 comes after run_9999
+
+
+def _group(path: Path, file: h5py.File, name: str | None) -> h5py.Group:
+    names = _names(file)
+    if not names:
+        raise BadInputError("no_runs", f"{path}: holds no run", "Record one with: haptic record")
+    if name is not None and name not in names:
+        raise BadInputError("no_such_run", f"{path}: has no run {name!r}", f"It has {', '.join(names)}")
+    return file[name or names[-1]]
+
+
+def _attributes(group: h5py.Group) -> dict[str, Any]:
+    found = {name: value if isinstance(value, str) else float(value) for name, value in group.attrs.items()}
+    parsed = {name: json.loads(str(found[name])) for name in ("calibration_ids", "latency_budget_s")}
+    return found | parsed | {name: bool(found[name]) for name in ("simulated", "complete")}
+
+
+def _events(group: h5py.Group) -> list[Event]:
+    columns = [_column(group[f"events/{name}"], slice(None)) for name in EVENT_FIELDS]
+    return [
+        Event(number=int(number), time_s=float(time_s), kind=kind, message=message, data=json.loads(data))
+        for number, time_s, kind, message, data in zip(*columns, strict=True)
+    ]
+
+
+def _column(dataset: h5py.Dataset, rows: slice) -> NDArray[Any]:
+    try:
+        column: NDArray[Any] = dataset.asstr()[rows] if h5py.check_string_dtype(dataset.dtype) else dataset[rows]
+    except OSError as error:
+        raise ValueError(f"{dataset.name}: {error}") from error
+    return column
+
+
+Blocks = Iterator[list[NDArray[Any]]]
+
+
+def _blocks(table: h5py.Group, fields: Sequence[str], progress: Callable[[int], None]) -> Blocks:
+    """Columns of a table, some rows at a time, at least once."""
+    count = table[fields[0]].shape[0]
+    for start in range(0, max(count, 1), BLOCK_ROWS):
+        stop = min(start + BLOCK_ROWS, count)
+        yield [_column(table[name], slice(start, stop)) for name in fields]
+        progress(stop)
+
+
+def _write_csv(path: Path, fields: Sequence[str], blocks: Blocks, about: dict[str, Any]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(fields)
+        for columns in blocks:
+            writer.writerows(zip(*(_cells(column) for column in columns), strict=True))
+
+
+def _cells(column: NDArray[Any]) -> list[Any]:
+    cells: list[Any] = column.tolist()
+    return ["" if cell != cell else cell for cell in cells] if column.dtype.kind == "f" else cells  # noqa: PLR0124 - NaN
+
+
+def _write_parquet(path: Path, fields: Sequence[str], blocks: Blocks, about: dict[str, Any]) -> None:
+    """With `about` as JSON under the key `haptic_driver` of the file's metadata."""
+    try:
+        pa, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
+    except ImportError as error:
+        raise HapticError(
+            "missing_package", "Parquet needs the package pyarrow", "Install it: pip install 'haptic-driver[parquet]'"
+        ) from error
+    first = next(blocks)
+    metadata = {"haptic_driver": json.dumps(about)}
+    schema = pa.table(dict(zip(fields, first, strict=True))).schema.with_metadata(metadata)
+    with parquet.ParquetWriter(path, schema) as writer:
+        writer.write_table(pa.table(dict(zip(fields, first, strict=True)), schema=schema))
+        for columns in blocks:
+            writer.write_table(pa.table(dict(zip(fields, columns, strict=True)), schema=schema))

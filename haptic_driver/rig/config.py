@@ -1,0 +1,556 @@
+"""What a rig's file may say: one class per section, every range where the value is read.
+
+Real devices have no defaults for what only the lab can know. Sections whose figures decide about safety carry
+`measured_by` and `measured_at`; `RigConfig.unverified` lists what still lacks them, and a rig refuses to come on until
+the list is empty.
+"""
+
+from __future__ import annotations
+
+import datetime
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+
+from haptic_driver.config import find_config, parse, read_toml
+from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS, OperatingLimits
+from haptic_driver.signals import Policy
+
+SIMULATED = "simulated"
+NO_WATCHDOG = "none"
+# What two programs can hold at the same time; the watchdog must not depend on the driver letting go.
+_SHAREABLE = re.compile(r"TCPIP\d*::.*", re.IGNORECASE)
+
+Positive = Annotated[FiniteFloat, Field(gt=0.0)]
+NotNegative = Annotated[FiniteFloat, Field(ge=0.0)]
+Seconds = Annotated[FiniteFloat, Field(gt=0.0, le=60.0)]
+Axis = Annotated[str, Field(pattern=r"^[+-]?[xyz]$")]
+Port = Annotated[int, Field(ge=1, le=65535)]
+
+
+def _known_form(resource: str) -> str:
+    if resource not in (SIMULATED, NO_WATCHDOG):
+        from hw.transport.resource import make_transport  # noqa: PLC0415 - imports what a real device needs
+
+        make_transport(resource)
+    return resource
+
+
+Resource = Annotated[str, AfterValidator(_known_form)]
+"""A name that `hw.transport.resource.make_transport` takes."""
+
+
+class Section(BaseModel):
+    """One section of a file: nothing unknown in it, nothing of the wrong type."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class Vouched(Section):
+    """A section whose figures somebody has to vouch for before the rig may come on."""
+
+    measured_by: str = ""
+    measured_at: datetime.date | None = None
+
+    @property
+    def verified(self) -> bool:
+        """Whether somebody does."""
+        return bool(self.measured_by.strip()) and self.measured_at is not None
+
+
+class LimitsConfig(Vouched):
+    """What the rig allows at the electrode; see `OperatingLimits`."""
+
+    voltage_v: Annotated[FiniteFloat, Field(gt=0.0, le=1000.0)]
+    frequency_hz: Annotated[
+        list[Annotated[FiniteFloat, Field(ge=1e-6, le=20e6)]], Field(min_length=2, max_length=2)
+    ] = [
+        1.0,
+        1e6,
+    ]
+    contact_current_a_rms: Annotated[
+        list[Annotated[list[Positive], Field(min_length=2, max_length=2)]], Field(min_length=1)
+    ] = [list(point) for point in ICNIRP_PUBLIC_A_RMS]
+    series_resistance_ohm: NotNegative = 0.0
+    panel_capacitance_f: Annotated[FiniteFloat, Field(ge=0.0, le=1e-3)] = 0.0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> LimitsConfig:
+        if self.frequency_hz[0] >= self.frequency_hz[1]:
+            raise ValueError("frequency_hz must be [lowest, highest]")
+        frequencies = [f for f, _ in self.contact_current_a_rms]
+        if frequencies != sorted(set(frequencies)):
+            raise ValueError("contact_current_a_rms must rise in frequency")
+        return self
+
+
+class SafetySettings(Section):
+    """When the rig stops trusting its caller or its devices.
+
+    `lease_s`: output not refreshed for so long goes to zero. `beat_interval_s`: how often heartbeats are beaten at
+    most. `settle_s`: how long a set point may take to show on the monitor. `monitor_tolerance` (a share) and
+    `monitor_tolerance_v`, whichever allows more: how far the monitor may be from what was commanded.
+    `ramp_down_s`: how long a planned stop may take. `off_retry_s`: between attempts to get an output off that did not
+    say so. All judged, none from a source but the lease (500 ms, `electrovibration-exp`).
+    """
+
+    lease_s: Seconds = 0.5
+    beat_interval_s: Seconds = 0.05
+    settle_s: Seconds = 0.15
+    monitor_tolerance: Annotated[FiniteFloat, Field(gt=0.0, le=1.0)] = 0.1
+    monitor_tolerance_v: Annotated[FiniteFloat, Field(gt=0.0, le=100.0)] = 5.0
+    ramp_down_s: Seconds = 1.0
+    off_retry_s: Seconds = 0.5
+
+
+class ModulationInputConfig(Vouched):
+    """Modulation In at the back of the generator; see `hw.generator.settings.ModulationInput`."""
+
+    full_scale_v: Annotated[FiniteFloat, Field(gt=0.0, le=10.0)]
+    amplitude_at_full_scale: Annotated[FiniteFloat, Field(gt=0.0, le=4.0)]
+
+
+class GeneratorConfig(Section):
+    """The waveform generator and how to reach it."""
+
+    model: Literal["agilent_33220a"] = "agilent_33220a"
+    resource: Resource
+    visa_backend: str = "@py"
+    baud_rate: Annotated[int, Field(ge=300, le=4_000_000)] = 115200
+    reply_timeout_s: Annotated[FiniteFloat, Field(gt=0.0, le=30.0)] = 1.0
+    range_policy: Literal["fixed", "auto"] = "fixed"
+    modulation_input: ModulationInputConfig | None = None
+    binary_upload: bool = True
+    upload_timeout_s: Annotated[FiniteFloat, Field(gt=0.0, le=300.0)] = 30.0
+
+
+class AmplifierConfig(Vouched):
+    """The high-voltage amplifier; peak values at the electrode. Lines are channels of a card, absent if not named."""
+
+    gain_v_per_v: Positive
+    voltage_limit_v: Positive
+    current_limit_a: Positive
+    slew_limit_v_per_s: Positive
+    voltage_monitor_v_per_v: Positive = 0.01
+    current_monitor_v_per_a: Positive = 1.0
+    fault_level: bool = True
+    voltage_monitor: str | None = None
+    current_monitor: str | None = None
+    fault_line: str | None = None
+
+
+class AnalogInputsConfig(Section):
+    """The card whose inputs read gauges and monitors, all in one task.
+
+    `monitor_window_s` is how far back a monitor looks for the peak: a period of the slowest carrier or longer.
+    """
+
+    sample_rate_hz: Annotated[FiniteFloat, Field(gt=0.0, le=1e7)]
+    terminal: Literal["DIFF", "RSE", "NRSE", "PSEUDO_DIFF", "DEFAULT"] = "DIFF"
+    range_v: Annotated[FiniteFloat, Field(gt=0.0, le=10.0)] = 10.0
+    buffer_s: Annotated[FiniteFloat, Field(gt=0.0, le=60.0)] = 2.0
+    timeout_s: Seconds = 0.5
+    monitor_window_s: Annotated[FiniteFloat, Field(gt=0.0, le=10.0)] = 0.02
+
+
+class NoInterlock(Section):
+    """Nothing in the amplifier's enable line: its state stays unknown."""
+
+    kind: Literal["none"] = "none"
+
+
+class InterlockBox(Section):
+    """A heartbeat interlock box; see `hw.safety.interlock`."""
+
+    kind: Literal["box"]
+    resource: Resource
+    reply_timeout_s: Annotated[FiniteFloat, Field(gt=0.0, le=0.1)] = 0.05
+
+
+class ModemLineInterlock(Section):
+    """RTS or DTR of a serial port as enable line; `looped_back` where a wire brings it back to CTS or DSR."""
+
+    kind: Literal["modem_line"]
+    port: str
+    line: Literal["rts", "dtr"]
+    looped_back: bool
+
+
+class NiInterlock(Section):
+    """A digital output of an NI card as enable line."""
+
+    kind: Literal["ni"]
+    line: str
+
+
+InterlockConfig = Annotated[NoInterlock | InterlockBox | ModemLineInterlock | NiInterlock, Field(discriminator="kind")]
+
+
+class WatchdogConfig(Section):
+    """The process that switches off when the driver dies; see `hw.safety.watchdog`.
+
+    `generator` and `interlock` are connections of its own, `"none"` says plainly that there is no watchdog.
+    """
+
+    generator: Resource
+    interlock: Resource | None = None
+    period_s: Seconds = 0.5
+    reply_timeout_s: Seconds = 0.3
+    retry_s: Seconds = 0.2
+    give_up_s: Annotated[FiniteFloat, Field(gt=0.0, le=3600.0)] = 60.0
+
+
+class SimulatedForceSensorConfig(Section):
+    """The simulated rig's own."""
+
+    kind: Literal["simulated"]
+
+
+class NiForceSensorConfig(Section):
+    """An ATI transducer on the card of `[analog_inputs]`: six channels, gauges 0 to 5 in order.
+
+    The calibration file's path counts from the rig's file.
+    """
+
+    kind: Literal["ni"]
+    gauges: Annotated[list[str], Field(min_length=6, max_length=6)]
+    calibration_file: str
+    samples_per_reading: Annotated[int, Field(ge=1, le=100_000)]
+    samples_per_bias: Annotated[int, Field(ge=1, le=1_000_000)]
+    normal_axis: Axis
+    lateral_axis: Axis
+
+
+class NetFtForceSensorConfig(Section):
+    """An ATI Net F/T box; see `hw.force.net_ft.NetFtSettings`."""
+
+    kind: Literal["net_ft"]
+    host: str
+    port: Port = 49152
+    counts_per_n: Positive
+    counts_per_n_m: Positive
+    timeout_s: Annotated[FiniteFloat, Field(gt=0.0, le=5.0)] = 0.1
+    ignored_status: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
+    f_t_sequence_advances: bool = True
+    bias_tolerance_n: Positive = 0.2
+    normal_axis: Axis
+    lateral_axis: Axis
+
+
+ForceSensorConfig = Annotated[
+    SimulatedForceSensorConfig | NiForceSensorConfig | NetFtForceSensorConfig, Field(discriminator="kind")
+]
+
+
+class NoAnalogOutput(Section):
+    """No fast envelope: amplitudes go over SCPI."""
+
+    kind: Literal["none"] = "none"
+
+
+class SomeAnalogOutput(Vouched):
+    """What every analog output has; see `hw.analog.output.AnalogOutputSettings`.
+
+    `lead_s`: the envelope is written so far ahead of what is played. So late may the driver be without a gap, and so
+    much later is the voltage there.
+    """
+
+    low_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
+    high_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
+    zero_level_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
+    sample_rate_limit_hz: Positive
+    buffer_s: Seconds = 0.1
+    lead_s: Annotated[FiniteFloat, Field(ge=0.0005, le=1.0)] = 0.003
+    lease_s: Seconds = 0.5
+    timeout_s: Seconds = 0.5
+
+    @model_validator(mode="after")
+    def _ordered_levels(self) -> SomeAnalogOutput:
+        if self.lead_s > self.buffer_s:
+            raise ValueError("lead_s must not be above buffer_s")
+        if not (self.low_v <= self.zero_level_v <= self.high_v and self.low_v < self.high_v):
+            raise ValueError("low_v <= zero_level_v <= high_v must hold, with low_v < high_v")
+        return self
+
+
+class SimulatedAnalogOutputConfig(SomeAnalogOutput):
+    """The simulated rig's own."""
+
+    kind: Literal["simulated"]
+
+
+class NiAnalogOutputConfig(SomeAnalogOutput):
+    """An analog output of an NI card."""
+
+    kind: Literal["ni"]
+    channel: str
+
+
+class SoundAnalogOutputConfig(SomeAnalogOutput):
+    """One channel of a sound card; see `hw.analog.sound_card`."""
+
+    kind: Literal["sound"]
+    device: str | int | None = None
+    channel: Annotated[int, Field(ge=0, le=31)] = 0
+    sample_rate_hz: Positive
+    full_scale_v: Positive
+    dc_coupled: bool
+    latency_s: Seconds = 0.02
+
+
+AnalogOutputConfig = Annotated[
+    NoAnalogOutput | SimulatedAnalogOutputConfig | NiAnalogOutputConfig | SoundAnalogOutputConfig,
+    Field(discriminator="kind"),
+]
+
+
+class StageConfig(Section):
+    """A Thorlabs LTS150; see `hw.stage.lts150.StageSettings`."""
+
+    resource: Resource
+    travel_m: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
+    velocity_m_s: Positive
+    acceleration_m_s2: Positive
+    velocity_limit_m_s: Positive
+    acceleration_limit_m_s2: Positive
+
+
+class NoFingerTracker(Section):
+    """Nobody tells where the finger is."""
+
+    kind: Literal["none"] = "none"
+
+
+class StageFingerConfig(Section):
+    """The finger rides on the stage."""
+
+    kind: Literal["stage"]
+    origin_m: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
+    direction: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)] = [1.0, 0.0]
+
+
+class EvdevFingerConfig(Section):
+    """A touch screen by its event device; `matrix_m` takes (x_raw, y_raw, 1) to metres.
+
+    `report_rate_hz` is how often it tells, for the latency by which positions are extrapolated.
+    """
+
+    kind: Literal["evdev"]
+    device: str
+    report_rate_hz: Positive = 100.0
+    matrix_m: Annotated[
+        list[Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]], Field(min_length=2, max_length=2)
+    ]
+    measured_at: datetime.date
+    placeholder: bool
+
+
+class RecordedFingerConfig(Section):
+    """A slide played back; the path of the CSV counts from the rig's file."""
+
+    kind: Literal["recorded"]
+    file: str
+
+
+FingerTrackerConfig = Annotated[
+    NoFingerTracker | StageFingerConfig | EvdevFingerConfig | RecordedFingerConfig, Field(discriminator="kind")
+]
+
+
+class OutputConfig(Section):
+    """How commands reach the electrode."""
+
+    setpoint_interval_s: Annotated[FiniteFloat, Field(ge=0.001, le=1.0)] = 0.010
+    latency_s: Annotated[FiniteFloat, Field(ge=0.0, le=1.0)] = 0.0
+    voltage_rise_v_per_s: Positive = 10e3
+
+
+class FingerConfig(Section):
+    """How the finger is read."""
+
+    contact_on_n: Positive = 0.15
+    contact_off_n: Positive = 0.10
+    velocity_time_constant_s: Positive = 0.010
+
+
+class ControllerConfig(Section):
+    """How operating points are chosen when the user does not say."""
+
+    policy: Policy = "max_authority"
+    fixed_frequency_hz: Positive | None = None
+    lowest_carrier_hz: Positive = 100.0
+    hysteresis: Annotated[FiniteFloat, Field(ge=0.0, le=1.0)] = 0.05
+
+
+class SimulationConfig(Section):
+    """How the simulated instruments and finger behave.
+
+    `model`: the finger's own, where it is not the one that drives the rig. `hide`: effects, by name with their
+    parameters, that the finger has and the model that drives the rig does not.
+    """
+
+    amplitude_latency_s: NotNegative = 0.030
+    frequency_latency_s: NotNegative = 0.003
+    friction_cutoff_hz_per_mm_s: Positive = 13.8
+    force_noise_n: NotNegative = 0.003
+    force_range_n: Positive = 20.0
+    seed: int = 1
+    model: str | None = None
+    hide: dict[str, dict[str, FiniteFloat]] = {}
+
+
+class RigConfig(Section):
+    """One rig, as its file in `configs/rigs/` says."""
+
+    name: str
+    simulated: bool
+    limits: LimitsConfig
+    waveform_generator: GeneratorConfig
+    amplifier: AmplifierConfig
+    safety: SafetySettings = SafetySettings()
+    analog_inputs: AnalogInputsConfig | None = None
+    interlock: InterlockConfig = NoInterlock()
+    watchdog: WatchdogConfig | None = None
+    force_sensor: ForceSensorConfig | None = None
+    analog_output: AnalogOutputConfig = NoAnalogOutput()
+    stage: StageConfig | None = None
+    finger_tracker: FingerTrackerConfig = NoFingerTracker()
+    output: OutputConfig = OutputConfig()
+    finger: FingerConfig = FingerConfig()
+    controller: ControllerConfig = ControllerConfig()
+    simulation: SimulationConfig = SimulationConfig()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> RigConfig:
+        for contradiction in _contradictions(self):
+            raise ValueError(contradiction)
+        return self
+
+    @property
+    def unverified(self) -> list[str]:
+        """What keeps the rig from coming on: safety figures nobody vouches for, and what nobody has decided."""
+        vouched = {
+            "limits": self.limits,
+            "amplifier": self.amplifier,
+            "waveform_generator.modulation_input": self.waveform_generator.modulation_input,
+            "analog_output": self.analog_output,
+        }
+        missing = [
+            f"{name}.measured_by and measured_at"
+            for name, section in vouched.items()
+            if isinstance(section, Vouched) and not section.verified
+        ]
+        if self.watchdog is None and not self.simulated:
+            missing.append('watchdog.generator (a resource, or "none")')
+        return missing
+
+    def operating_limits(self) -> OperatingLimits:
+        """The limits as the controller and the safety gate use them."""
+        limits = self.limits
+        return OperatingLimits(
+            voltage_v=limits.voltage_v,
+            frequency_low_hz=limits.frequency_hz[0],
+            frequency_high_hz=limits.frequency_hz[1],
+            slew_v_per_s=self.amplifier.slew_limit_v_per_s,
+            contact_current_a_rms=tuple((f, i) for f, i in limits.contact_current_a_rms),
+            series_resistance_ohm=limits.series_resistance_ohm,
+            amplifier_current_a=self.amplifier.current_limit_a,
+            panel_capacitance_f=limits.panel_capacitance_f,
+        )
+
+
+def load_rig(name_or_path: str) -> RigConfig:
+    """A rig by the name of its file in `configs/rigs/`, or by path."""
+    path = find_config(name_or_path, "rigs")
+    return _with_whole_paths(parse(RigConfig, read_toml(path), str(path)), path.parent)
+
+
+def _with_whole_paths(rig: RigConfig, folder: Path) -> RigConfig:
+    """Files that a rig's file names are looked for beside it."""
+    changed: dict[str, Any] = {}
+    if isinstance(sensor := rig.force_sensor, NiForceSensorConfig):
+        changed["force_sensor"] = sensor.model_copy(update={"calibration_file": str(folder / sensor.calibration_file)})
+    if isinstance(tracker := rig.finger_tracker, RecordedFingerConfig):
+        changed["finger_tracker"] = tracker.model_copy(update={"file": str(folder / tracker.file)})
+    return rig.model_copy(update=changed)
+
+
+def _contradictions(rig: RigConfig) -> Iterator[str]:
+    """What two sections of one file cannot both say."""
+    if rig.limits.voltage_v > rig.amplifier.voltage_limit_v:
+        yield (
+            f"limits.voltage_v {rig.limits.voltage_v:g} is above amplifier.voltage_limit_v "
+            f"{rig.amplifier.voltage_limit_v:g}"
+        )
+    if rig.finger.contact_off_n > rig.finger.contact_on_n:
+        yield "finger.contact_off_n is above finger.contact_on_n"
+    yield from _mixed_with_simulation(rig)
+    yield from _not_watched(rig)
+    yield from _not_wired(rig)
+
+
+def _mixed_with_simulation(rig: RigConfig) -> Iterator[str]:
+    if rig.simulated != (rig.waveform_generator.resource == SIMULATED):
+        yield "simulated and waveform_generator.resource disagree about whether this rig is simulated"
+    for name, kind in (("force_sensor", rig.force_sensor), ("analog_output", rig.analog_output)):
+        is_simulated = kind is not None and kind.kind == SIMULATED
+        is_real = kind is not None and kind.kind not in (SIMULATED, "none")
+        if (is_real and rig.simulated) or (is_simulated and not rig.simulated):
+            yield f"simulated and {name}.kind disagree about whether this rig is simulated"
+    real = {
+        "interlock": rig.interlock.kind != "none",
+        "watchdog": rig.watchdog is not None and rig.watchdog.generator != NO_WATCHDOG,
+        "stage": rig.stage is not None,
+        "analog_inputs": rig.analog_inputs is not None,
+    }
+    if rig.simulated and any(real.values()):
+        yield f"{', '.join(name for name, given in real.items() if given)}: a simulated rig has no such real device"
+
+
+def _not_watched(rig: RigConfig) -> Iterator[str]:
+    """A watchdog that waits for the driver to let go of a port watches nothing."""
+    watchdog, interlock = rig.watchdog, rig.interlock
+    if watchdog is None or watchdog.generator == NO_WATCHDOG:
+        return
+    if watchdog.period_s < rig.safety.lease_s:
+        yield (
+            f"watchdog.period_s {watchdog.period_s:g} is below safety.lease_s {rig.safety.lease_s:g}: "
+            "it would switch off a rig that is only slow"
+        )
+    held = [rig.waveform_generator.resource, interlock.resource if isinstance(interlock, InterlockBox) else None]
+    for name, own in (("generator", watchdog.generator), ("interlock", watchdog.interlock)):
+        if own is not None and not _SHAREABLE.fullmatch(own) and own.upper() in [h.upper() for h in held if h]:
+            yield (
+                f"watchdog.{name}: {own} is held by the driver and cannot be opened twice; give the watchdog a "
+                f'connection of its own (LAN), or say generator = "{NO_WATCHDOG}"'
+            )
+
+
+def _not_wired(rig: RigConfig) -> Iterator[str]:
+    monitors = [rig.amplifier.voltage_monitor, rig.amplifier.current_monitor]
+    if rig.analog_inputs is None and (any(monitors) or isinstance(rig.force_sensor, NiForceSensorConfig)):
+        yield "force_sensor or amplifier name channels of a card, and there is no section [analog_inputs]"
+    if any(monitors) and rig.analog_inputs is not None:
+        window_s, carrier_hz = rig.analog_inputs.monitor_window_s, rig.controller.lowest_carrier_hz
+        if window_s * carrier_hz < 1.0:
+            yield (
+                f"analog_inputs.monitor_window_s {window_s:g} is shorter than a period of controller.lowest_carrier_hz "
+                f"{carrier_hz:g}: the monitor would miss the peak"
+            )
+        if window_s >= rig.safety.settle_s:
+            yield f"analog_inputs.monitor_window_s {window_s:g} is not below safety.settle_s {rig.safety.settle_s:g}"
+    if isinstance(rig.finger_tracker, StageFingerConfig) and rig.stage is None:
+        yield 'finger_tracker.kind is "stage", and there is no section [stage]'
+    modulation = rig.waveform_generator.modulation_input
+    if isinstance(rig.analog_output, NoAnalogOutput):
+        return
+    if modulation is None:
+        yield "analog_output needs waveform_generator.modulation_input: what a level there does to the amplitude"
+    elif rig.analog_output.zero_level_v != -modulation.full_scale_v:
+        yield (
+            f"analog_output.zero_level_v {rig.analog_output.zero_level_v:g} is not -waveform_generator."
+            f"modulation_input.full_scale_v {-modulation.full_scale_v:g}: at 0 V the amplitude is half its highest"
+        )

@@ -1,0 +1,475 @@
+"""Looks at a rig without energising it, and says what it could not verify.
+
+Only questions are asked: nothing is set, reset or switched, no error queue is emptied, no line is opened whose opening
+could raise it, no bias is taken, nothing moves. What only a voltage could show stays "not verified".
+"""
+
+from __future__ import annotations
+
+import datetime
+import enum
+import os
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.processes.real_time import PRIORITY
+from haptic_driver.rig import config as rig_config
+from haptic_driver.rig.config import NO_WATCHDOG, RigConfig, Vouched
+from haptic_driver.rig.devices import (
+    analog_inputs,
+    generator_transport,
+    net_ft_settings,
+    peak_of,
+    stage_settings,
+    touch_calibration,
+)
+from haptic_driver.rig.rig import MONITOR_QUIET_V
+from hw.analog.ni_daq import NiDigitalInput
+from hw.errors import BadReply, DeviceError
+from hw.finger.touch_screen import open_touch_reports
+from hw.force.ati_calibration import AtiCalibration
+from hw.force.net_ft import NetFt
+from hw.generator.agilent_33220a.driver import AMPLITUDE_HIGH_VPP, MODEL
+from hw.safety.interlock import IDENTITY
+from hw.stage import apt
+from hw.stage.lts150 import Lts150
+from hw.transport.contract import Transport
+from hw.transport.resource import make_transport
+
+OLD_AFTER = datetime.timedelta(days=365)
+OPEN_LOAD_OHM = 9.9e37
+CALIBRATE_TOUCH = "measure it by touching known places: haptic calibrate-touch"
+_FIRMWARE = re.compile(r"\d+\.\d+-\d+\.\d+-\d+-\d+")
+
+
+class Status(enum.Enum):
+    """What came of one check."""
+
+    OK = "ok"
+    WARNING = "warning"
+    FAILED = "failed"
+    NOT_VERIFIED = "not verified"
+
+
+class Check(NamedTuple):
+    """One thing looked at: what was found, and what to do about it."""
+
+    name: str
+    status: Status
+    message: str
+    hint: str = ""
+
+
+Checks = Iterator[Check]
+
+
+def examine(config: RigConfig, today: datetime.date) -> list[Check]:
+    """All checks of a real rig, in order; never raises DeviceError. Takes a few timeouts per absent device."""
+    parts: list[Callable[[], Checks]] = [
+        lambda: _figures(config, today),
+        _resources,
+        lambda: _generator(config),
+        lambda: _amplifier(config),
+        lambda: _interlock(config),
+        lambda: _force_sensor(config),
+        lambda: _stage(config),
+        lambda: _finger_tracker(config, today),
+        lambda: _analog_output(config),
+        _real_time,
+    ]
+    return [check for part in parts for check in part()]
+
+
+# --- the file ----------------------------------------------------------------------------------------------------
+
+
+def _figures(config: RigConfig, today: datetime.date) -> Checks:
+    for missing in config.unverified:
+        yield Check(
+            "configuration",
+            Status.FAILED,
+            f"{missing} unset: the rig refuses to come on",
+            "measure, then write it down",
+        )
+    sections = {
+        "limits": config.limits,
+        "amplifier": config.amplifier,
+        "modulation input": config.waveform_generator.modulation_input,
+        "analog output": config.analog_output,
+    }
+    for name, section in sections.items():
+        if isinstance(section, Vouched) and section.verified and section.measured_at is not None:
+            yield _dated(f"{name} figures", f"measured by {section.measured_by}", section.measured_at, today)
+
+
+def _dated(name: str, what: str, on: datetime.date, today: datetime.date) -> Check:
+    said = f"{what} on {on.isoformat()}"
+    if on > today:
+        return Check(name, Status.WARNING, f"{said}, which is still to come", "correct the date")
+    if today - on > OLD_AFTER:
+        return Check(name, Status.WARNING, f"{said}, {(today - on).days} days ago", "measure again")
+    return Check(name, Status.OK, said)
+
+
+# --- the machine -------------------------------------------------------------------------------------------------
+
+
+def _resources() -> Checks:
+    """What this machine sees; an empty list is no fault, since instruments on the LAN do not show."""
+    found = [*_serial_ports(), *_usb_instruments()]
+    yield Check("resources", Status.OK, ", ".join(found) or "no serial ports or USB instruments seen")
+
+
+def _serial_ports() -> Iterator[str]:
+    from serial.tools import list_ports  # noqa: PLC0415 - only the doctor lists
+
+    for port in list_ports.comports():
+        yield f"{port.device} ({port.description})" if port.description not in (None, "n/a") else port.device
+
+
+def _usb_instruments() -> Iterator[str]:
+    import usb.core  # noqa: PLC0415 - only the doctor lists
+
+    def is_instrument(device: object) -> bool:
+        with suppress(usb.core.USBError):
+            return any(i.bInterfaceClass == 0xFE and i.bInterfaceSubClass == 3 for c in device for i in c)  # type: ignore[attr-defined]
+        return False
+
+    with suppress(usb.core.NoBackendError, usb.core.USBError):
+        for device in usb.core.find(find_all=True, custom_match=is_instrument):
+            yield f"USB0::{device.idVendor:#06x}::{device.idProduct:#06x}"
+
+
+def _real_time() -> Checks:
+    """Tried and taken back at once, for this process only."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except OSError as error:
+        yield Check(
+            "real-time scheduling", Status.WARNING, f"SCHED_FIFO {PRIORITY} is refused ({error.strerror})",
+            f"allow it: LimitRTPRIO={PRIORITY} in the service, or rtprio in /etc/security/limits.conf",
+        )  # fmt: skip
+        return
+    os.sched_setscheduler(0, *before)
+    yield Check("real-time scheduling", Status.OK, f"SCHED_FIFO {PRIORITY} is granted")
+
+
+# --- waveform generator ------------------------------------------------------------------------------------------
+
+
+def _generator(config: RigConfig) -> Checks:
+    transport = generator_transport(config)
+    timeout_s = config.waveform_generator.reply_timeout_s
+    with _failures("waveform generator", transport) as failed:
+        transport.open()
+        identity = _ask(transport, "*IDN?", timeout_s)
+        maker, model, serial_number, firmware = (identity + ",,,").split(",")[:4]
+        if model.strip() != MODEL:
+            raise BadReply(
+                f"{transport.resource} is {identity!r}, not a {MODEL}", "check the address in the rig's file"
+            )
+        yield Check("waveform generator", Status.OK, f"{maker} {model}, serial number {serial_number}")
+        yield _firmware(firmware.strip())
+        yield from _generator_settings(config, transport, timeout_s)
+        yield from _watchdog(config)  # while the driver's connection is open, as it will be
+    yield from failed
+
+
+def _firmware(firmware: str) -> Check:
+    if not _FIRMWARE.fullmatch(firmware):
+        return Check("firmware", Status.WARNING, f"{firmware!r} is of no known form", "tell what it is")
+    return Check(
+        "firmware",
+        Status.NOT_VERIFIED,
+        f"{firmware}; couplings and clipping are those of a sibling instrument's manual",
+    )
+
+
+def _generator_settings(config: RigConfig, transport: Transport, timeout_s: float) -> Checks:
+    output, unit = (_ask(transport, query, timeout_s) for query in ("OUTP?", "VOLT:UNIT?"))
+    load_ohm, vpp, offset_v = (
+        float(_ask(transport, query, timeout_s)) for query in ("OUTP:LOAD?", "VOLT?", "VOLT:OFFS?")
+    )
+    programmed = f"{_ask(transport, 'FUNC?', timeout_s)}, {vpp:g} {unit}, offset {offset_v:g} V"
+    if output == "0":
+        yield Check("output", Status.OK, f"off; programmed: {programmed}")
+    else:
+        yield Check(
+            "output", Status.WARNING, f"ON, {programmed}: somebody uses it", "switch it off before working here"
+        )
+    if load_ohm >= OPEN_LOAD_OHM:
+        yield Check("load setting", Status.OK, "INF: programmed volts are volts at the amplifier's input")
+    else:
+        yield Check(
+            "load setting", Status.WARNING,
+            f"{load_ohm:g} ohm: at the amplifier's high-impedance input the voltage is up to twice what is programmed",
+            "connecting the driver sets INF; by hand, set it before the output is switched on",
+        )  # fmt: skip
+    reach_v = 0.5 * AMPLITUDE_HIGH_VPP * config.amplifier.gain_v_per_v
+    limit_v = config.limits.voltage_v
+    if reach_v < limit_v:
+        yield Check(
+            "voltage limit", Status.WARNING, f"the generator reaches {reach_v:g} V, the limit is {limit_v:g} V",
+            "check amplifier.gain_v_per_v",
+        )  # fmt: skip
+    yield Check(
+        "voltage limit", Status.NOT_VERIFIED,
+        f"{limit_v:g} V is kept by this program alone: the generator is not known to have a limit of its own, and with "
+        f"this amplifier it could ask for {min(reach_v, config.amplifier.voltage_limit_v):g} V",
+        "limit the amplifier in hardware where it can be",
+    )  # fmt: skip
+
+
+def _watchdog(config: RigConfig) -> Checks:
+    given = config.watchdog
+    if given is None or given.generator == NO_WATCHDOG:
+        yield Check(
+            "watchdog", Status.WARNING, "there is none: if the driver dies, the output stays as it is",
+            "give it a connection of its own, e.g. the generator's LAN socket; or use an interlock box",
+        )  # fmt: skip
+        return
+    transport = make_transport(given.generator)
+    with _failures("watchdog", transport) as failed:
+        transport.open()
+        _ask(transport, "OUTP?", given.reply_timeout_s)
+        yield Check("watchdog", Status.OK, f"{transport.resource} answers beside the driver's connection")
+        yield Check(
+            "watchdog switching off", Status.NOT_VERIFIED, "it is not started here", "kill an armed driver once"
+        )
+    yield from failed
+
+
+# --- amplifier ---------------------------------------------------------------------------------------------------
+
+
+def _amplifier(config: RigConfig) -> Checks:
+    amplifier = config.amplifier
+    yield Check(
+        "amplifier", Status.NOT_VERIFIED,
+        f"gain {amplifier.gain_v_per_v:g}, {amplifier.voltage_limit_v:g} V, {amplifier.current_limit_a:g} A, "
+        f"{amplifier.slew_limit_v_per_s:g} V/s: it has no dialogue, and nothing is energised here",
+        "compare one low voltage with a probe",
+    )  # fmt: skip
+    yield from _fault_line(config)
+    yield from _monitors(config)
+
+
+def _fault_line(config: RigConfig) -> Checks:
+    name = config.amplifier.fault_line
+    if name is None:
+        yield Check(
+            "fault line", Status.NOT_VERIFIED, "there is none: a tripped amplifier shows on its monitor at best"
+        )
+        return
+    line = NiDigitalInput(name)
+    with _failures("fault line", line) as failed:
+        if line.read() is config.amplifier.fault_level:
+            yield Check("fault line", Status.FAILED, "it says fault", "look at the amplifier; check fault_level")
+        else:
+            yield Check("fault line", Status.OK, "no fault")
+    yield from failed
+
+
+def _monitors(config: RigConfig) -> Checks:
+    amplifier, card = config.amplifier, config.analog_inputs
+    if amplifier.voltage_monitor is None or card is None:
+        yield Check(
+            "voltage monitor", Status.NOT_VERIFIED,
+            "there is none: nothing sees the electrode, and off means that the generator says so",
+            "wire the amplifier's monitor to an analog input",
+        )  # fmt: skip
+        return
+    inputs = analog_inputs(card, [amplifier.voltage_monitor])
+    with _failures("voltage monitor", inputs) as failed:
+        inputs.open()
+        monitor = peak_of(card, inputs, amplifier.voltage_monitor)
+        electrode_v = monitor.read_v() / amplifier.voltage_monitor_v_per_v
+        quiet = electrode_v <= MONITOR_QUIET_V
+        said = f"peak {electrode_v:.3g} V at the electrode"
+        yield Check(
+            "voltage monitor", Status.OK if quiet else Status.FAILED, said, "" if quiet else "something drives it"
+        )
+        yield Check("monitor scale", Status.NOT_VERIFIED, "needs a voltage", "compare one low voltage with a probe")
+    yield from failed
+
+
+def _interlock(config: RigConfig) -> Checks:
+    match config.interlock:
+        case rig_config.InterlockBox(resource=resource, reply_timeout_s=timeout_s):
+            transport = make_transport(resource)
+            with _failures("interlock", transport) as failed:
+                transport.open()
+                identity = _ask(transport, "ID?", 10.0 * timeout_s)
+                if identity != IDENTITY:
+                    raise BadReply(f"{transport.resource} is {identity!r}, not {IDENTITY!r}", "check the port")
+                status = _ask(transport, "STATUS?", 10.0 * timeout_s)
+                is_open = status.startswith("OFF ")
+                yield Check(
+                    "interlock", Status.OK if is_open else Status.WARNING,
+                    f"{identity}: {status}", "" if is_open else "its contact is closed: somebody uses the rig",
+                )  # fmt: skip
+                yield Check("interlock contact", Status.NOT_VERIFIED, "its wiring shows only when it closes")
+            yield from failed
+        case rig_config.ModemLineInterlock() as modem:
+            yield Check(
+                "interlock", Status.NOT_VERIFIED,
+                f"{modem.line.upper()} of {modem.port}: opening the port may raise the line for a moment: it is left",
+                "a heartbeat interlock box is safer",
+            )  # fmt: skip
+        case rig_config.NiInterlock(line=line):
+            yield Check("interlock", Status.NOT_VERIFIED, f"{line}: taking an output may set it, so it is left alone")
+        case _:
+            yield Check(
+                "interlock", Status.NOT_VERIFIED,
+                "there is none: the amplifier's state stays unknown, and off means that the generator says so",
+                "wire its enable line to an interlock box, where it has one",
+            )  # fmt: skip
+
+
+# --- sensors and stage -------------------------------------------------------------------------------------------
+
+
+def _force_sensor(config: RigConfig) -> Checks:
+    match config.force_sensor:
+        case rig_config.NetFtForceSensorConfig() as box:
+            net_ft = NetFt(net_ft_settings(box))
+            with _failures("force sensor", net_ft) as failed:
+                net_ft.open()
+                reading = net_ft.read()
+                said = f"{net_ft.resource}: {reading.normal_force_n:.3f} N down, {reading.lateral_force_n:.3f} N along"
+                status = Status.FAILED if reading.saturated else Status.OK
+                yield Check("force sensor", status, f"{said}, status {net_ft.status_raw:#010x}")
+                yield Check("force scale", Status.NOT_VERIFIED, "counts and axes", "hang a known weight on it")
+            yield from failed
+        case rig_config.NiForceSensorConfig() as ni:
+            yield from _gauges(config, ni)
+        case _:
+            yield Check(
+                "force sensor", Status.FAILED, "there is none in the rig's file", "add a section [force_sensor]"
+            )
+
+
+def _gauges(config: RigConfig, ni: rig_config.NiForceSensorConfig) -> Checks:
+    card = config.analog_inputs
+    assert card is not None  # or the file would have been refused
+    inputs = analog_inputs(card, ni.gauges)
+    with _failures("force sensor", inputs) as failed:
+        calibration = AtiCalibration.from_file(Path(ni.calibration_file))
+        said = f"{calibration.serial} ({calibration.part_number}), calibrated: {calibration.calibrated_on}"
+        dated = calibration.calibrated_on != "unknown"
+        yield Check("force calibration", Status.OK if dated else Status.WARNING, said)
+        inputs.open()
+        gauges_v = inputs.latest_v(ni.samples_per_bias)
+        saturated = calibration.saturated(gauges_v)
+        said = "gauges at " + ", ".join(f"{v:.3f}" for v in gauges_v.mean(axis=0)) + " V"
+        yield Check("force sensor", Status.FAILED if saturated else Status.OK, said, "unload it" if saturated else "")
+    yield from failed
+
+
+def _stage(config: RigConfig) -> Checks:
+    if config.stage is None:
+        return
+    transport = make_transport(config.stage.resource)
+    settings = stage_settings(config.stage)
+    with _failures("stage", transport) as failed:
+        transport.open()
+        info = _stage_info(transport, settings.reply_timeout_s)
+        status = Lts150(transport, settings).read_status()
+        said = f"{info.model}, serial number {info.serial_number}, firmware {info.firmware}"
+        matches = info.model.startswith(settings.model)
+        yield Check(
+            "stage", Status.OK if matches else Status.FAILED, said, "" if matches else f"not a {settings.model}"
+        )
+        where = f"at {1e3 * status.position_m:.2f} mm" if status.homed else "not homed"
+        bad = status.motion_error or status.moving
+        how = f"{where}{', moving' if status.moving else ''}{', motion error' if status.motion_error else ''}"
+        yield Check("stage state", Status.WARNING if bad else Status.OK, how)
+    yield from failed
+
+
+def _stage_info(transport: Transport, timeout_s: float) -> apt.Info:
+    transport.write(apt.encode(apt.Frame(apt.Message.REQUEST_INFO)))
+    decoder = apt.Decoder()
+    for _ in range(100):  # messages that it sends unasked
+        for frame in decoder.feed(transport.read_exactly(decoder.missing_bytes, timeout_s)):
+            if frame.message is apt.Message.INFO:
+                return apt.read_info(frame)
+    raise BadReply(f"{transport.resource} does not say what it is", "check that this is the stage")
+
+
+def _finger_tracker(config: RigConfig, today: datetime.date) -> Checks:
+    match config.finger_tracker:
+        case rig_config.EvdevFingerConfig() as screen:
+            yield _touch_calibration(screen, today)
+            with _failures("touch screen") as failed:
+                open_touch_reports(screen.device).close()
+                yield Check("touch screen", Status.OK, screen.device)
+            yield from failed
+        case rig_config.RecordedFingerConfig(file=file):
+            there = Path(file).is_file()
+            yield Check(
+                "finger tracker", Status.OK if there else Status.FAILED, f"plays {file}{'' if there else ': missing'}"
+            )
+        case rig_config.StageFingerConfig():
+            yield Check("finger tracker", Status.NOT_VERIFIED, "the stage carries the finger: see the stage")
+        case _:
+            yield Check("finger tracker", Status.NOT_VERIFIED, "there is none: nothing can be rendered by position")
+
+
+def _touch_calibration(screen: rig_config.EvdevFingerConfig, today: datetime.date) -> Check:
+    name = "touch calibration"
+    try:
+        calibration = touch_calibration(screen)
+    except BadInputError as error:
+        return Check(name, Status.FAILED, error.message, CALIBRATE_TOUCH)
+    if calibration.placeholder:
+        return Check(name, Status.WARNING, "a placeholder", CALIBRATE_TOUCH)
+    dated = _dated(name, "measured", screen.measured_at, today)
+    return dated if dated.status is Status.OK else dated._replace(hint=f"{dated.hint} (haptic calibrate-touch)")
+
+
+def _analog_output(config: RigConfig) -> Checks:
+    given = config.analog_output
+    if isinstance(given, rig_config.NoAnalogOutput):
+        yield Check("envelope", Status.OK, "amplitudes go over SCPI; there is no analog output")
+        return
+    yield Check(
+        "envelope", Status.NOT_VERIFIED,
+        f"{given.kind} output, {given.zero_level_v:g} V for nothing: opening it would put out a level",
+        "measure Modulation In at low voltage: 0 V may be half the amplitude",
+    )  # fmt: skip
+
+
+# --- how it is asked ---------------------------------------------------------------------------------------------
+
+
+def _ask(transport: Transport, question: str, timeout_s: float) -> str:
+    """Only a question: what does not end with `?` is never sent."""
+    if not re.fullmatch(r"[*A-Z:]+\?", question):
+        raise ValueError(f"{question!r} is no question")
+    return transport.query(question.encode("ascii") + b"\n", timeout_s).decode("ascii", errors="replace").strip()
+
+
+class _Closable(Protocol):
+    def close(self) -> object: ...
+
+
+@contextmanager
+def _failures(name: str, device: _Closable | None = None) -> Iterator[list[Check]]:
+    """Collects what a device's failure comes to, and closes it; the list is empty when all went well."""
+    failed: list[Check] = []
+    try:
+        yield failed
+    except (DeviceError, ValueError) as error:
+        message, hint = (
+            (error.message, error.hint) if isinstance(error, DeviceError) else (str(error), "check the reply")
+        )
+        failed.append(Check(name, Status.FAILED, message, hint))
+    finally:
+        if device is not None:
+            device.close()

@@ -1,0 +1,40 @@
+"""From a rig's configuration and a surface to the stages of a tick."""
+
+from __future__ import annotations
+
+from haptic_driver.render.controller import Controller, ControllerSettings
+from haptic_driver.render.drive import DriveSettings
+from haptic_driver.render.feedback import FeedbackSettings
+from haptic_driver.render.finger import FingerSettings
+from haptic_driver.render.texture import Target
+from haptic_driver.render.tick import TickSettings
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.surface.file import SurfaceFile, ready_for_lookup
+
+
+def tick_settings(
+    config: RigConfig,
+    file: SurfaceFile,
+    texture: Target,
+    *,
+    feedback_latency_s: float | None = None,
+    output_latency_s: float | None = None,
+) -> TickSettings:
+    """The stages of one rig, told about a surface and a texture.
+
+    `feedback_latency_s`: from a set point to its effect, for feedback from measured friction; None renders without.
+    `output_latency_s`: by which the finger's position is extrapolated; None takes the rig's.
+    """
+    limits = config.operating_limits()
+    controller = ControllerSettings(
+        ready_for_lookup(file, limits),
+        limits,
+        **config.controller.model_dump(),
+        correction=file.correction,
+        feedback=None if feedback_latency_s is None else FeedbackSettings(feedback_latency_s),
+    )
+    latency_s = config.output.latency_s if output_latency_s is None else output_latency_s
+    finger = FingerSettings(**config.finger.model_dump(), output_latency_s=latency_s)
+    return TickSettings(
+        finger, texture, Controller(controller), limits, DriveSettings(config.output.voltage_rise_v_per_s)
+    )

@@ -1,0 +1,1 @@
+"""Simulated instruments with a finger behind them, served to the real drivers."""

@@ -1,0 +1,145 @@
+"""A whole simulated rig on loopback for other people's software: every instrument by its own dialogue, in real time.
+
+waveform_generator         TCP, as the LAN socket of a 33220A
+waveform_generator_serial  the same instrument on a pseudo-terminal
+interlock, interlock_tcp   the heartbeat interlock box of `hw.safety.interlock`, in series with the amplifier's enable
+stage                      an LTS150 on a pseudo-terminal; it carries the finger
+force_sensor               a Net F/T box, `host:port` for UDP; 1e6 counts per N, pressing along -z, sliding along x
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self
+
+from haptic_driver.rig.config import (
+    InterlockBox,
+    NetFtForceSensorConfig,
+    RigConfig,
+    StageConfig,
+    StageFingerConfig,
+    WatchdogConfig,
+)
+from haptic_driver.simulation.rig import friction_of, simulated_amplifier, simulated_generator, with_hidden
+from hw.finger.plant import FingerPlant
+from hw.force.net_ft_server import NetFtServer
+from hw.safety.simulated_interlock import SimulatedInterlock
+from hw.serving.serial import SerialServer
+from hw.serving.tcp import TcpServer
+from hw.stage.simulated import SimulatedLts150
+from model.touch_model import TouchModel
+
+NORMAL_FORCE_N = 0.5  # of the finger on the screen
+SPEED_STEP_M_S = 1e-3  # the model is asked about whole millimetres per second: answers are kept
+FORCE_RATE_HZ = 1000.0
+COUNTS_PER_N = 1e6
+START_MM = 5.0  # of the stage: homing takes a second
+
+
+class ServedRig:
+    """The simulated instruments of a rig, served between entering and leaving a `with` block.
+
+    Nothing but the stage moves by itself: call `advance` with the time that has passed. `generator_port` 0 is any free
+    port. The enable line is the interlock's contact: without beats the amplifier is off. The finger is lifted, so that
+    the force sensor can take its bias, until the stage moves for the first time; then it presses.
+    """
+
+    def __init__(self, config: RigConfig, model: TouchModel, *, generator_port: int = 0) -> None:
+        simulation = config.simulation
+        self.interlock = SimulatedInterlock()
+        self.amplifier = simulated_amplifier(config, interlock=lambda: self.interlock.closed)
+        self.amplifier.write(True)
+        self.generator = simulated_generator(config, self.amplifier)
+        self.stage = SimulatedLts150(time.monotonic, start_mm=START_MM)
+        law = friction_of(with_hidden(model, simulation.hide))
+        self._plant = FingerPlant(
+            lambda f, v, n, speed: law(f, v, n, speed, self._plant.time_s),
+            cutoff_hz_per_mm_s=simulation.friction_cutoff_hz_per_mm_s,
+        )
+        self._position_mm = self.stage.position_mm
+        self._pressing = False
+        self._noise = random.Random(simulation.seed)
+        self._noise_n = simulation.force_noise_n
+        self._generator_tcp = TcpServer(self.generator, generator_port)
+        self._generator_serial = SerialServer(self.generator)
+        self._interlock_tcp = TcpServer(self.interlock)
+        self._interlock_serial = SerialServer(self.interlock, framed=False)
+        self._stage_serial = SerialServer(self.stage, framed=False)
+        self._force = NetFtServer(
+            self._wrench, counts_per_n=COUNTS_PER_N, counts_per_n_m=COUNTS_PER_N, rate_hz=FORCE_RATE_HZ
+        )
+
+    @property
+    def endpoints(self) -> dict[str, str]:
+        """Where everything is, by the names above."""
+        return {
+            "waveform_generator": self._generator_tcp.resource,
+            "waveform_generator_serial": self._generator_serial.resource,
+            "interlock": self._interlock_serial.resource,
+            "interlock_tcp": self._interlock_tcp.resource,
+            "stage": self._stage_serial.resource,
+            "force_sensor": f"{self._force.host}:{self._force.port}",
+        }
+
+    def advance(self, dt_s: float) -> None:
+        """Let `dt_s` pass: settings reach the terminals, the stage has moved the finger, friction follows."""
+        self.generator.advance(dt_s)
+        output = self.generator.output()
+        voltage_v = self.amplifier.step(dt_s, output)
+        before_mm, self._position_mm = self._position_mm, self.stage.position_mm
+        speed_m_s = abs(self._position_mm - before_mm) * 1e-3 / dt_s
+        speed_m_s = SPEED_STEP_M_S * round(speed_m_s / SPEED_STEP_M_S)
+        self._pressing = self._pressing or self.stage.moving
+        force_n = NORMAL_FORCE_N if self._pressing else 0.0
+        self._plant.step(dt_s, output.frequency_hz, voltage_v, force_n, speed_m_s)
+
+    def __enter__(self) -> Self:
+        """Serve."""
+        with ExitStack() as serving:
+            for server in (
+                self._generator_tcp, self._generator_serial, self._interlock_tcp, self._interlock_serial,
+                self._stage_serial, self._force,
+            ):  # fmt: skip
+                serving.enter_context(server)
+            self._serving = serving.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop serving."""
+        self._serving.close()
+
+    def _wrench(self) -> tuple[float, float, float, float, float, float]:
+        lateral_n, normal_n = (
+            force_n + self._noise.gauss(0.0, self._noise_n)
+            for force_n in (self._plant.lateral_force_n, self._plant.normal_force_n)
+        )
+        return lateral_n, 0.0, -normal_n, 0.0, 0.0, 0.0
+
+
+def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
+    """`config` as the file of a real rig would say it whose devices are those served at `endpoints`."""
+    host, port = endpoints["force_sensor"].split(":")
+    generator = endpoints["waveform_generator"]
+    return config.model_copy(
+        update={
+            "simulated": False,
+            "waveform_generator": config.waveform_generator.model_copy(update={"resource": generator}),
+            "interlock": InterlockBox(kind="box", resource=endpoints["interlock"]),
+            "watchdog": WatchdogConfig(generator=generator, interlock=endpoints["interlock_tcp"]),
+            "force_sensor": NetFtForceSensorConfig(
+                kind="net_ft", host=host, port=int(port), counts_per_n=COUNTS_PER_N, counts_per_n_m=COUNTS_PER_N,
+                normal_axis="-z", lateral_axis="x",
+            ),
+            "stage": StageConfig(
+                resource=endpoints["stage"], travel_m=[0.0, 0.15], velocity_m_s=0.02, acceleration_m_s2=0.02,
+                velocity_limit_m_s=0.05, acceleration_limit_m_s2=0.05,
+            ),
+            "finger_tracker": StageFingerConfig(kind="stage", origin_m=[0.0, 0.03]),
+        }
+    )  # fmt: skip

@@ -1,0 +1,150 @@
+"""A finger sliding over the simulated rig, and how well its friction met the texture.
+
+`render_slide` runs a slide through tick, instruments and plant; `score` compares what the force sensor felt with what
+the texture asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptic_driver.render.texture import Texture
+from haptic_driver.render.tick import TickSettings, TickState, tick
+from haptic_driver.rig.rig import OffEvidence
+from haptic_driver.rig.slide import TICK_S, Array, Mask, Slide, average
+from haptic_driver.signals import FingerSample
+from haptic_driver.simulation.rig import SimulatedRig
+from hw.force.sensor import ForceReading
+
+SLIDING_M_S = 0.002  # below, a finger rests and kinetic friction is not defined
+WITHIN = 0.05  # of the target
+
+
+@dataclass(frozen=True)
+class SlideRecord:
+    """One rendered slide: arrays [n], one entry per tick.
+
+    `target_cof` is the texture under the finger itself, NaN where it asks for nothing; `measured_cof` the force
+    sensor's, NaN where it was saturated; `voltage_v` and `frequency_hz` what the simulated amplifier and generator
+    really put out; `feedback_gain` the finger's gain as the controller knew it; `rejections` how often the safety gate
+    said no; `off` what was known about the output after the end.
+    """
+
+    slide: Slide
+    target_cof: Array
+    measured_cof: Array
+    voltage_v: Array
+    frequency_hz: Array
+    in_contact: Mask
+    reachable: Mask
+    off_screen: Mask
+    saturated: Mask
+    feedback_gain: Array
+    max_voltage_v: float
+    rejections: int
+    off: OffEvidence
+
+    @property
+    def sliding(self) -> Mask:
+        """Where friction can be judged: in contact, sliding, and a texture underneath."""
+        moving = np.abs(self.slide.speed_m_s) >= SLIDING_M_S
+        return np.asarray(self.in_contact & moving & np.isfinite(self.target_cof) & np.isfinite(self.measured_cof))
+
+    @property
+    def relative_error(self) -> Array:
+        """(measured - target)/target per tick."""
+        return np.asarray(self.measured_cof / self.target_cof - 1.0)
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well one slide was rendered; see `haptic demo --json` for the names.
+
+    The shares are of sliding contact time; `share_within_5_percent` counts only reachable targets, NaN without any.
+    While the force sensor is saturated (`saturated_time_s`) friction is unknown, and is not judged.
+    """
+
+    share_within_5_percent: float
+    cof_error_rms: float
+    contact_time_s: float
+    sliding_time_s: float
+    reachable_share: float
+    max_voltage_v: float
+    output_on_without_contact_s: float
+    saturated_time_s: float
+
+
+def render_slide(
+    slide: Slide, texture: Texture, settings: TickSettings, bench: SimulatedRig, progress: Callable[[int], None]
+) -> SlideRecord:
+    """Run the slide tick by tick; `progress` is called with every tick's number.
+
+    The rig is connected here and switched off at the end, whatever happens.
+    """
+    count = slide.time_s.size
+    lateral, normal, voltage, frequency, gain = (np.empty(count) for _ in range(5))
+    contact, reachable, saturated = (np.zeros(count, bool) for _ in range(3))
+    speed = slide.speed_m_s
+    state = TickState()
+    rig = bench.rig
+    try:
+        rig.connect()
+        for i in range(count):
+            time_s, x = float(slide.time_s[i]), float(slide.position_m[i])
+            state, done = tick(settings, state, _sample(time_s, x, rig.read_force()))
+            rig.command(time_s, done.command)
+            bench.step(TICK_S, float(slide.normal_force_n[i]), float(speed[i]))
+            reading = rig.read_force()
+            lateral[i], normal[i], saturated[i] = reading.lateral_force_n, reading.normal_force_n, reading.saturated
+            voltage[i], frequency[i] = bench.voltage_v, bench.frequency_hz
+            contact[i], reachable[i] = done.finger.in_contact, done.wanted.reachable
+            gain[i] = state.controller.estimate.gain
+            progress(i)
+    finally:
+        off = rig.off()
+    target = np.asarray(texture.cof_at(slide.position_m, np.zeros(count)), dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        measured = np.where(contact & (average(saturated) == 0.0), average(lateral) / average(normal), np.nan)
+    return SlideRecord(
+        slide=slide,
+        target_cof=average(target),
+        measured_cof=measured,
+        voltage_v=voltage,
+        frequency_hz=frequency,
+        in_contact=contact,
+        reachable=reachable,
+        off_screen=slide.normal_force_n < 0.5 * settings.finger.contact_off_n,
+        saturated=saturated,
+        feedback_gain=gain,
+        max_voltage_v=bench.amplifier.max_voltage_v,
+        rejections=state.safety.rejections,
+        off=off,
+    )
+
+
+def _sample(time_s: float, position_m: float, felt: ForceReading) -> FingerSample:
+    """What the tick is told; no lateral force where the sensor cannot be trusted."""
+    lateral_n = float("nan") if felt.saturated else felt.lateral_force_n
+    return FingerSample(time_s, position_m, 0.0, felt.normal_force_n, lateral_n)
+
+
+def score(record: SlideRecord) -> Score:
+    """Judge a record over its sliding contact time."""
+    sliding = record.sliding
+    judged = sliding & record.reachable
+    error = record.relative_error[judged]
+    return Score(
+        share_within_5_percent=float(np.mean(np.abs(error) <= WITHIN)) if judged.any() else float("nan"),
+        cof_error_rms=float(np.sqrt(np.mean((error * record.target_cof[judged]) ** 2)))
+        if judged.any()
+        else float("nan"),
+        contact_time_s=float(record.in_contact.sum() * TICK_S),
+        sliding_time_s=float(sliding.sum() * TICK_S),
+        reachable_share=float(judged.sum() / sliding.sum()) if sliding.any() else float("nan"),
+        max_voltage_v=record.max_voltage_v,
+        output_on_without_contact_s=float(((record.voltage_v > 0.0) & record.off_screen).sum() * TICK_S),
+        saturated_time_s=float(record.saturated.sum() * TICK_S),
+    )

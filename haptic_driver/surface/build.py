@@ -1,0 +1,158 @@
+"""Model -> lookup surface, with the provenance that lets anybody build the same file again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import version
+from math import prod
+
+import numpy as np
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.limits import OperatingLimits
+from haptic_driver.render.correction import Correction
+from haptic_driver.surface.file import Array, CofInterval, SurfaceFile
+from model.analysis import uncertainty
+from model.conditions import Conditions
+from model.description import ModelDescription
+from model.touch import SPEED_REFERENCE_M_S
+from model.touch_model import TouchModel
+
+MOST_POINTS = 20_000_000
+CORRECTION_FREQUENCIES = 25
+CORRECTION_SPEEDS_M_S = SPEED_REFERENCE_M_S * 25.0 ** np.linspace(-1.0, 1.0, 15)
+REFERENCE = CORRECTION_SPEEDS_M_S.size // 2  # the speed at which surfaces are solved
+CORRECTION_VOLTAGES = np.array([0.1, 0.3, 0.5, 0.65, 0.8, 0.9, 1.0])  # of the highest
+LEAST_RISE = 1e-9  # of friction without voltage: a smaller one is rounding, and there is nothing to correct
+CORRECTION_TIMES_S = np.concatenate([[0.0], np.geomspace(0.1, 1e5, 60)])
+
+
+@dataclass(frozen=True)
+class SurfaceAxes:
+    """Where a surface is solved: log frequency, linear voltage from 0, log normal force."""
+
+    frequency_low_hz: float = 1.0
+    frequency_high_hz: float = 1e6
+    frequency_count: int = 200
+    voltage_high_v: float = 150.0
+    voltage_count: int = 128
+    normal_force_low_n: float = 0.1
+    normal_force_high_n: float = 2.0
+    normal_force_count: int = 5
+
+    def __post_init__(self) -> None:
+        """Refuse axes that cannot carry a surface."""
+        if not 1e-2 <= self.frequency_low_hz < self.frequency_high_hz <= 1e8:
+            raise BadInputError("bad_axes", "frequency axis is not rising within 0.01..1e8 Hz", "For example 1 to 1e6")
+        if not 0.0 < self.voltage_high_v <= 5e3:
+            said = f"highest voltage {self.voltage_high_v:g} V is not in 0..5000 V"
+            raise BadInputError("bad_axes", said, "For example 150")
+        if not 1e-3 <= self.normal_force_low_n < self.normal_force_high_n <= 50.0:
+            raise BadInputError(
+                "bad_axes", "normal force axis is not rising within 0.001..50 N", "For example 0.1 to 2"
+            )
+        counts = {name: value for name, value in vars(self).items() if name.endswith("_count")}
+        for name, count in counts.items():
+            if count < 4:
+                raise BadInputError("bad_axes", f"{name} = {count} is too few points", "Give at least 4 per axis")
+        if prod(counts.values()) > MOST_POINTS:
+            listed = " x ".join(f"{count} ({name})" for name, count in counts.items())
+            raise BadInputError("bad_axes", f"{listed} are too many points", f"Give at most {MOST_POINTS:g} in all")
+
+    @property
+    def frequency_hz(self) -> Array:
+        """[f], evenly spaced in the logarithm."""
+        return np.geomspace(self.frequency_low_hz, self.frequency_high_hz, self.frequency_count)
+
+    @property
+    def voltage_v(self) -> Array:
+        """[v], evenly spaced from 0."""
+        return np.linspace(0.0, self.voltage_high_v, self.voltage_count)
+
+    @property
+    def normal_force_n(self) -> Array:
+        """[n], evenly spaced in the logarithm."""
+        return np.geomspace(self.normal_force_low_n, self.normal_force_high_n, self.normal_force_count)
+
+
+def build_surface(
+    description: ModelDescription,
+    limits: OperatingLimits,
+    axes: SurfaceAxes | None = None,
+    with_interval: bool = False,
+) -> SurfaceFile:
+    """Solve the model on every point of the axes; `with_interval` adds how far friction may be off.
+
+    `limits` only mark `within_limits`, the rig applies its own. A quarter of a second of one core, half a second with
+    the slowest effects, twice as much again with an interval (`benchmarks/surface_rebuild.py`); a new roughness shape
+    needs a gap table first, a second, once.
+    """
+    axes = axes or SurfaceAxes()
+    f, v, n = axes.frequency_hz, axes.voltage_v, axes.normal_force_n
+    touch = TouchModel(description)
+    solved = touch.surface(f, v, n)
+    interval = None
+    if with_interval and not description.is_published:
+        interval = CofInterval(*uncertainty.cof_interval(description, f, v, n, solved.cof))
+    return SurfaceFile(
+        frequency_hz=f,
+        voltage_v=v,
+        normal_force_n=n,
+        cof=solved.cof,
+        electrostatic_force_n=solved.electrostatic_force_n,
+        current_rms_a=solved.current_rms_a,
+        stuck_current_rms_a=solved.stuck_current_rms_a[:, :, 0],
+        slew_v_per_s=2.0 * np.pi * f[:, None] * v,
+        pulled_in=solved.pulled_in,
+        within_theory=solved.within_theory,
+        within_limits=limits.permits(f[:, None, None], v[:, None], solved.current_rms_a, solved.stuck_current_rms_a),
+        provenance={
+            "model": description.provenance(),
+            "model_hash": description.content_hash,
+            "gap_table_hash": touch.table.content_hash,
+            "limits": repr(limits),
+            "waveform": "sine",
+            **({} if interval is None else {"uncertainty": uncertainty.provenance(description)}),
+            **_programs(),
+            "built_at": datetime.now(UTC).isoformat(timespec="seconds"),
+        },
+        correction=_correction(touch, axes),
+        cof_interval=interval,
+    )
+
+
+@cache
+def _programs() -> dict[str, str]:
+    names = ("haptic-driver", "numpy", "scipy")
+    return {"program": f"haptic-driver {version(names[0])}", **{name: version(name) for name in names[1:]}}
+
+
+def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:
+    """What speed and time do to friction by this model; None where it has no effect of either."""
+    if not any(effect.needs for effect in touch.description.effects):
+        return None
+    f = np.geomspace(axes.frequency_low_hz, axes.frequency_high_hz, CORRECTION_FREQUENCIES)
+    n = axes.normal_force_n
+    voltage = np.concatenate([[0.0], CORRECTION_VOLTAGES * axes.voltage_high_v])
+
+    speed_matters = any("speed_m_s" in effect.needs for effect in touch.description.effects)
+    speeds = CORRECTION_SPEEDS_M_S if speed_matters else np.array([SPEED_REFERENCE_M_S])
+    cof = touch.cof_at_speeds(f, voltage, n, speeds).transpose(0, 3, 1, 2)  # [f, n, s, v]
+    cof = np.broadcast_to(cof, (f.size, n.size, CORRECTION_SPEEDS_M_S.size, voltage.size))
+    off, rise = cof[0, :, :, 0], cof[:, :, :, 1:] - cof[:, :, :, :1]
+    usual = rise[:, :, [REFERENCE]]
+    no_rise = usual <= LEAST_RISE * cof[:, :, [REFERENCE], :1]
+    zero = np.zeros_like(CORRECTION_TIMES_S)
+    over_time = touch.predict(Conditions(zero, zero, zero + n[0], time_s=CORRECTION_TIMES_S)).cof
+    return Correction(
+        log_frequency=np.log(f),
+        log_normal_force=np.log(n),
+        log_speed=np.log(CORRECTION_SPEEDS_M_S),
+        voltage_v=voltage[1:],
+        time_s=CORRECTION_TIMES_S,
+        off_factor=off / off[:, [REFERENCE]],
+        gain_factor=np.where(no_rise, 1.0, rise / np.where(no_rise, 1.0, usual)),
+        time_factor=over_time / off[0, REFERENCE],
+    )

@@ -1,0 +1,13 @@
+"""Models by name: what surfaces are built from."""
+
+from __future__ import annotations
+
+from haptic_driver.config import find_config
+from haptic_driver.files import bad_input
+from model.description import ModelDescription, read_model
+
+
+def load_model(name_or_path: str) -> ModelDescription:
+    """A model by the name of its file in `configs/models/`, or by path."""
+    with bad_input():
+        return read_model(find_config(name_or_path, "models"))

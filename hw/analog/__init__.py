@@ -1,0 +1,1 @@
+"""Analog and digital lines of cards: monitors, envelopes, levels."""

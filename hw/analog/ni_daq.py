@@ -1,0 +1,355 @@
+"""National Instruments cards through nidaqmx: analog inputs, digital lines, a hardware-timed analog output.
+
+Names are NI-DAQmx's: "Dev1/ai0", "Dev1/port0/line0", "Dev1/ao0". Facts about tasks, buffers and markers are from the
+nidaqmx 1.7.0 package's own documentation; nothing here was run on a card.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from hw.analog.output import AnalogOutput, AnalogOutputSettings, Array, OutputUnderrun
+from hw.errors import DeviceDisconnected, DeviceError, DeviceTimeout, InstrumentRejected
+
+TERMINALS = ("DIFF", "RSE", "NRSE", "PSEUDO_DIFF", "DEFAULT")
+_NOT_IN_TIME = {-200284, -200292, -200293}  # samples not yet available, not yet writable, no more space
+_RAN_DRY = {-200290, -200291, -200621, -200018, -200016}  # no regeneration; buffer, FIFO and DAC underflow
+_POLL_S = 1e-3
+
+
+def load_nidaqmx() -> ModuleType:
+    """Import nidaqmx. Raises DeviceError naming the extra to install."""
+    try:
+        for name in ("nidaqmx.constants", "nidaqmx.errors"):
+            import_module(name)
+        return import_module("nidaqmx")
+    except ImportError as error:
+        raise DeviceError(
+            f"NI cards need the Python package nidaqmx ({error})", "pip install 'haptic-driver[ni]'"
+        ) from error
+
+
+@contextmanager
+def _daqmx(resource: str) -> Iterator[Any]:
+    """Give nidaqmx; its errors leave as DeviceError with the card's own words and number."""
+    nidaqmx = load_nidaqmx()
+    try:
+        yield nidaqmx
+    except (nidaqmx.errors.DaqNotFoundError, nidaqmx.errors.DaqNotSupportedError) as error:
+        raise DeviceDisconnected(
+            f"{resource}: the NI-DAQmx driver is not installed on this machine",
+            "install NI-DAQmx for this operating system; recent versions have dropped old cards such as the E Series",
+        ) from error
+    except nidaqmx.errors.DaqError as error:
+        message = " ".join(str(error).split())
+        if error.error_code in _RAN_DRY:
+            raise OutputUnderrun(f"{resource} ran out of samples ({message})", "write sooner") from error
+        if error.error_code in _NOT_IN_TIME:
+            raise DeviceTimeout(f"{resource} was not ready in time ({message})", "check the card's clock") from error
+        raise InstrumentRejected(f"{resource}: {message}", "compare the rig's file with NI MAX") from error
+    except nidaqmx.errors.Error as error:
+        raise DeviceError(f"{resource}: {error}", "update NI-DAQmx") from error
+
+
+def _clear(task: Any) -> None:
+    """Release a task, whatever state it is in."""
+    with suppress(Exception):
+        task.close()
+
+
+class NiAnalogInputs:
+    """Several inputs of one card, sampled together and for ever; readers take the newest samples.
+
+    One task for all of them, since a card has one clock for its inputs: a second task would be refused. Six gauges in
+    DIFF leave two of eight channels for monitors. The channels share one converter, so they are skewed by up to a
+    sample. Thread-safe.
+    """
+
+    def __init__(
+        self,
+        channels: Sequence[str],
+        *,
+        sample_rate_hz: float,
+        range_v: float = 10.0,
+        terminal: str = "DIFF",
+        buffer_s: float = 2.0,
+        timeout_s: float = 0.5,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        if terminal not in TERMINALS:
+            raise ValueError(f"terminal must be one of {', '.join(TERMINALS)}, not {terminal!r}")
+        if not channels or len(set(channels)) != len(channels):
+            raise ValueError(f"channels must be given, each once, not {list(channels)}")
+        self.resource = ", ".join(channels)
+        self._channels = tuple(channels)
+        self._sample_rate_hz = sample_rate_hz
+        self._range_v = range_v
+        self._terminal = terminal
+        self._buffer_samples = max(2, round(buffer_s * sample_rate_hz))
+        self._timeout_s = timeout_s
+        self._clock = clock
+        self._sleep = sleep
+        self._lock = threading.Lock()
+        self._task: Any = None
+        self._acquired = 0
+        self._advanced_s = -float("inf")
+
+    def open(self) -> None:
+        """Start sampling; does nothing when open. Raises DeviceError."""
+        with self._lock, _daqmx(self.resource) as nidaqmx:
+            if self._task is not None:
+                return
+            constants = nidaqmx.constants
+            task = nidaqmx.Task()
+            try:
+                for channel in self._channels:
+                    task.ai_channels.add_ai_voltage_chan(
+                        channel,
+                        terminal_config=constants.TerminalConfiguration[self._terminal],
+                        min_val=-self._range_v,
+                        max_val=self._range_v,
+                    )
+                task.timing.cfg_samp_clk_timing(
+                    self._sample_rate_hz,
+                    sample_mode=constants.AcquisitionType.CONTINUOUS,
+                    samps_per_chan=self._buffer_samples,
+                )
+                task.in_stream.overwrite = constants.OverwriteMode.OVERWRITE_UNREAD_SAMPLES
+                task.in_stream.relative_to = constants.ReadRelativeTo.MOST_RECENT_SAMPLE
+                task.start()
+            except BaseException:
+                _clear(task)
+                raise
+            self._task, self._acquired, self._advanced_s = task, 0, self._clock()
+
+    def close(self) -> None:
+        """Stop sampling; never fails, does nothing when closed."""
+        with self._lock:
+            if self._task is not None:
+                _clear(self._task)
+                self._task = None
+
+    def latest_v(self, count: int) -> Array:
+        """Return the newest `count` samples of all channels, shape (count, channels), V, oldest first.
+
+        Raises DeviceTimeout when the card has not sampled for `timeout_s`, however many old samples it holds;
+        DeviceDisconnected when not open; ValueError for more samples than the buffer keeps.
+        """
+        if not 1 <= count <= self._buffer_samples:
+            raise ValueError(f"count must be 1..{self._buffer_samples}, not {count}")
+        with self._lock:
+            if self._task is None:
+                raise DeviceDisconnected(f"{self.resource}: not open", "call open() first")
+            with _daqmx(self.resource):
+                self._wait_for(count)
+                self._task.in_stream.offset = -count
+                data = self._task.read(number_of_samples_per_channel=count, timeout=self._timeout_s)
+        samples_v = np.asarray(data, dtype=np.float64).reshape(len(self._channels), -1)
+        if samples_v.shape[1] != count:
+            raise DeviceTimeout(f"{self.resource} gave {samples_v.shape[1]} of {count} samples", "check its clock")
+        return samples_v.T
+
+    def columns(self, channels: Sequence[str]) -> NiColumns:
+        """Some of the channels by name, e.g. a sensor's gauges. Raises ValueError for one that is not sampled."""
+        missing = [channel for channel in channels if channel not in self._channels]
+        if missing:
+            raise ValueError(f"{', '.join(missing)} not among the sampled channels {', '.join(self._channels)}")
+        return NiColumns(self, [self._channels.index(channel) for channel in channels])
+
+    def _wait_for(self, count: int) -> None:
+        """Wait until `count` samples are there and the card has sampled since the last look, or within `timeout_s`."""
+        deadline_s = self._clock() + self._timeout_s
+        stalled = self._clock() - self._advanced_s > self._timeout_s  # or nobody looked: what is there may be old
+        first = total = int(self._task.in_stream.total_samp_per_chan_acquired)
+        while total < count or (stalled and total == first):
+            if self._clock() >= deadline_s:
+                raise DeviceTimeout(
+                    f"{self.resource} has not sampled for {self._timeout_s:g} s ({total} samples so far)",
+                    "check the card's clock and power; then reopen it",
+                )
+            self._sleep(_POLL_S)
+            total = int(self._task.in_stream.total_samp_per_chan_acquired)
+        if total != self._acquired:
+            self._acquired, self._advanced_s = total, self._clock()
+
+
+class NiColumns:
+    """Some channels of a NiAnalogInputs."""
+
+    def __init__(self, inputs: NiAnalogInputs, columns: Sequence[int]) -> None:
+        self._inputs = inputs
+        self._columns = list(columns)
+
+    def latest_v(self, count: int) -> Array:
+        """Return the newest `count` samples, shape (count, channels), V. Raises DeviceError."""
+        return self._inputs.latest_v(count)[:, self._columns]
+
+
+class NiAnalogInput:
+    """One channel as an analog input: the mean of its newest samples, or with `peak` the largest magnitude.
+
+    A monitor of an alternating voltage needs `peak` over at least a period of the carrier: its mean is zero whatever
+    the voltage is.
+    """
+
+    def __init__(self, inputs: NiAnalogInputs, channel: str, *, samples: int, peak: bool) -> None:
+        self._column = inputs.columns([channel])
+        self._samples = samples
+        self._peak = peak
+
+    def read_v(self) -> float:
+        """Return the voltage at the input, V. Raises DeviceError."""
+        samples_v = self._column.latest_v(self._samples)
+        return float(np.abs(samples_v).max() if self._peak else samples_v.mean())
+
+
+class _NiLine(ABC):
+    """One digital line, taken by `open` or the first use."""
+
+    def __init__(self, line: str, *, timeout_s: float = 0.5) -> None:
+        self.resource = line
+        self._timeout_s = timeout_s
+        self._lock = threading.Lock()
+        self._task: Any = None
+
+    def open(self) -> None:
+        """Take the line; does nothing when taken. Raises DeviceError."""
+        with self._taken():
+            pass
+
+    def read(self) -> bool:
+        """Return the level that is on the line. Raises DeviceError."""
+        with self._taken() as task:
+            return bool(task.read(timeout=self._timeout_s))
+
+    def close(self) -> None:
+        """Release the line, which keeps its level; never fails."""
+        with self._lock:
+            if self._task is not None:
+                _clear(self._task)
+                self._task = None
+
+    @contextmanager
+    def _taken(self) -> Iterator[Any]:
+        with self._lock, _daqmx(self.resource) as nidaqmx:
+            if self._task is None:
+                task = nidaqmx.Task()
+                try:
+                    self._add(task)
+                except BaseException:
+                    _clear(task)
+                    raise
+                self._task = task
+            yield self._task
+
+    @abstractmethod
+    def _add(self, task: Any) -> None:
+        """Add the line to a new task."""
+
+
+class NiDigitalInput(_NiLine):
+    """One digital input, such as a fault line."""
+
+    def _add(self, task: Any) -> None:
+        task.di_channels.add_di_chan(self.resource)
+
+
+class NiDigitalOutput(_NiLine):
+    """One digital output, such as an enable line; what is read back is the card's port, not the far end of the wire."""
+
+    def write(self, value: bool, /) -> None:
+        """Set the line. Raises DeviceError."""
+        with self._taken() as task:
+            task.write(bool(value), auto_start=True, timeout=self._timeout_s)
+
+    def _add(self, task: Any) -> None:
+        task.do_channels.add_do_chan(self.resource)
+
+
+class NiAnalogOutput(AnalogOutput):
+    """One output of a card, streamed by its sample clock without repeating old samples.
+
+    A card keeps its last sample when a stream runs dry and its last level when the process dies; the watch thread
+    puts it to zero in the first case, nothing here can in the second.
+    """
+
+    def __init__(
+        self,
+        channel: str,
+        settings: AnalogOutputSettings,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        watch: bool = True,
+    ) -> None:
+        super().__init__(channel, settings, clock=clock, watch=watch)
+        self._task: Any = None
+        self._written: int | None = None  # samples of the stream; None when the task holds a level
+
+    def _connect(self) -> None:
+        with _daqmx(self.resource) as nidaqmx:
+            self._task = self._new_task(nidaqmx)
+
+    def _disconnect(self) -> None:
+        if self._task is not None:
+            _clear(self._task)
+        self._task, self._written = None, None
+
+    def _set_level(self, level_v: float) -> None:
+        with _daqmx(self.resource) as nidaqmx:
+            if self._written is not None or self._task is None:
+                self._disconnect()
+                self._task = self._new_task(nidaqmx)
+            try:
+                self._task.write(level_v, auto_start=True, timeout=self.settings.timeout_s)
+            except BaseException:
+                self._disconnect()  # so that the next attempt begins with a fresh task
+                raise
+
+    def _start(self, block_v: Array, sample_rate_hz: float) -> None:
+        with _daqmx(self.resource) as nidaqmx:
+            self._disconnect()
+            task = self._task = self._new_task(nidaqmx)
+            self._written = 0
+            buffer_samples = max(2, int(np.ceil(self.settings.buffer_s * sample_rate_hz)))
+            task.timing.cfg_samp_clk_timing(
+                sample_rate_hz,
+                sample_mode=nidaqmx.constants.AcquisitionType.CONTINUOUS,
+                samps_per_chan=buffer_samples,
+            )
+            task.out_stream.regen_mode = nidaqmx.constants.RegenerationMode.DONT_ALLOW_REGENERATION
+            task.out_stream.output_buf_size = buffer_samples
+            self._append(block_v)
+            task.start()
+
+    def _append(self, block_v: Array) -> None:
+        with _daqmx(self.resource):
+            self._task.write(block_v, auto_start=False, timeout=self.settings.timeout_s)
+            self._written = (self._written or 0) + block_v.size
+
+    def _buffered_samples(self) -> int:
+        try:
+            with _daqmx(self.resource):
+                return max(0, (self._written or 0) - int(self._task.out_stream.total_samp_per_chan_generated))
+        except OutputUnderrun:
+            return 0
+
+    def _new_task(self, nidaqmx: Any) -> Any:
+        task = nidaqmx.Task()
+        try:
+            task.ao_channels.add_ao_voltage_chan(
+                self.resource, min_val=self.settings.low_v, max_val=self.settings.high_v
+            )
+        except BaseException:
+            _clear(task)
+            raise
+        return task

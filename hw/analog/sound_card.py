@@ -1,0 +1,167 @@
+"""A sound card as analog output, through sounddevice and PortAudio.
+
+Almost every sound card is AC-coupled: a high-pass of some hertz stands before its socket. A held level fades to
+nothing within a fraction of a second, and a streamed envelope loses its mean and swings below its lowest sample. Such a
+card can carry only what has no slow part. Level, coupling and polarity differ from card to card and with its volume
+control: measure them, at the socket, with the volume fixed.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.analog.output import AnalogOutput, AnalogOutputSettings, Array
+from hw.errors import DeviceDisconnected, DeviceError, InstrumentRejected, LimitExceeded
+
+
+def load_sounddevice() -> ModuleType:
+    """Import sounddevice. Raises DeviceError naming what to install."""
+    try:
+        return import_module("sounddevice")
+    except ImportError as error:
+        raise DeviceError(
+            f"sound cards need the Python package sounddevice ({error})", "pip install 'haptic-driver[sound]'"
+        ) from error
+    except OSError as error:  # raised by sounddevice itself
+        raise DeviceError(
+            f"sounddevice finds no PortAudio ({error})", "install the library: libportaudio2 on Debian and Ubuntu"
+        ) from error
+
+
+class SoundCardOutput(AnalogOutput):
+    """One channel of a sound card at a fixed sample rate; other channels stay silent.
+
+    `full_scale_v` is the voltage at the socket for a sample of 1.0, `dc_coupled` whether a level stays; both measured.
+    Without DC coupling only 0 V can be held or be the zero level, and what is streamed arrives without its slow part.
+    A new level or block is heard after the card's latency of `latency_s`.
+    """
+
+    def __init__(
+        self,
+        device: str | int | None,
+        settings: AnalogOutputSettings,
+        *,
+        sample_rate_hz: float,
+        full_scale_v: float,
+        dc_coupled: bool,
+        channel: int = 0,
+        latency_s: float = 0.02,
+        clock: Callable[[], float] = time.monotonic,
+        watch: bool = True,
+    ) -> None:
+        super().__init__(f"sound card {'default' if device is None else device}", settings, clock=clock, watch=watch)
+        if not full_scale_v >= max(abs(settings.low_v), abs(settings.high_v)):
+            raise ValueError(f"{self.resource}: limits beyond its full scale of {full_scale_v:g} V")
+        if not dc_coupled and settings.zero_level_v != 0.0:
+            raise ValueError(f"{self.resource} is AC-coupled and cannot rest at {settings.zero_level_v:g} V")
+        self._device = device
+        self._sample_rate_hz = sample_rate_hz
+        self._full_scale_v = full_scale_v
+        self._dc_coupled = dc_coupled
+        self._channel = channel
+        self._latency_s = latency_s
+        self._stream: Any = None
+        self._queue_lock = threading.Lock()
+        self._queue: deque[Array] = deque()
+        self._rest_v = settings.zero_level_v
+        self._late = False
+
+    def hold(self, level_v: float) -> None:
+        """Hold a level, as every analog output does; LimitExceeded for other than 0 V without DC coupling."""
+        if level_v != 0.0 and not self._dc_coupled:
+            raise LimitExceeded(
+                f"{self.resource} is AC-coupled and cannot hold {level_v:g} V", "use a DC-coupled output"
+            )
+        super().hold(level_v)
+
+    def _check_rate(self, sample_rate_hz: float) -> None:
+        super()._check_rate(sample_rate_hz)
+        if sample_rate_hz != self._sample_rate_hz:
+            raise LimitExceeded(
+                f"{self.resource} plays at {self._sample_rate_hz:g} samples/s, not {sample_rate_hz:g}",
+                "write at its rate",
+            )
+
+    def _connect(self) -> None:
+        with self._portaudio() as sounddevice:
+            stream = sounddevice.OutputStream(
+                samplerate=self._sample_rate_hz,
+                device=self._device,
+                channels=self._channel + 1,
+                dtype="float32",
+                latency=self._latency_s,
+                callback=self._play,
+            )
+            self._stream = stream
+            stream.start()
+
+    def _disconnect(self) -> None:
+        if self._stream is not None:
+            with suppress(Exception):
+                self._stream.abort()  # stop() would wait for what is buffered
+            with suppress(Exception):
+                self._stream.close()
+            self._stream = None
+
+    def _set_level(self, level_v: float) -> None:
+        with self._queue_lock:
+            self._queue.clear()
+            self._rest_v = level_v
+            self._late = False
+        self._check_running()
+
+    def _start(self, block_v: Array, sample_rate_hz: float) -> None:
+        with self._queue_lock:
+            self._rest_v = self.settings.zero_level_v  # where the callback goes when it runs dry
+        self._append(block_v)
+
+    def _append(self, block_v: Array) -> None:
+        self._check_running()
+        with self._queue_lock:
+            self._queue.append(block_v)
+
+    def _buffered_samples(self) -> int:
+        self._check_running()
+        with self._queue_lock:
+            return 0 if self._late else sum(block_v.size for block_v in self._queue)
+
+    def _check_running(self) -> None:
+        with self._portaudio():
+            if self._stream is None or not self._stream.active:
+                raise DeviceDisconnected(f"{self.resource} has stopped", "check that it is plugged in, and reopen it")
+
+    def _play(self, outdata: NDArray[np.float32], frames: int, time_info: Any, status: Any) -> None:
+        """PortAudio's callback: the queue, then the resting level. Runs on PortAudio's thread."""
+        with self._queue_lock:
+            if status.output_underflow and self._queue:
+                self._late = True
+                self._queue.clear()
+            samples_v = np.full(frames, self._rest_v)
+            filled = 0
+            while filled < frames and self._queue:
+                block_v = self._queue.popleft()
+                taken = min(block_v.size, frames - filled)
+                samples_v[filled : filled + taken] = block_v[:taken]
+                filled += taken
+                if taken < block_v.size:
+                    self._queue.appendleft(block_v[taken:])
+        outdata.fill(0.0)
+        outdata[:, self._channel] = samples_v / self._full_scale_v
+
+    @contextmanager
+    def _portaudio(self) -> Iterator[Any]:
+        sounddevice = load_sounddevice()
+        try:
+            yield sounddevice
+        except (sounddevice.PortAudioError, ValueError) as error:  # ValueError: no such device
+            raise InstrumentRejected(f"{self.resource}: {error}", "list devices with python -m sounddevice") from error

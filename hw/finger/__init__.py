@@ -1,0 +1,1 @@
+"""Where the finger is, and what it feels."""

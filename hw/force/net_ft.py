@@ -1,0 +1,309 @@
+"""ATI Net F/T box: forces as UDP records, in ATI's Raw Data Transfer (RDT) protocol.
+
+Request `>HHI`: 0x1234, command, count. Record `>IIIiiiiii`: RDT sequence, F/T sequence, status, Fx..Tz in counts
+(CameronDevine/NetFT and netft/pyNetFT). Nothing is acknowledged and nothing is authenticated.
+"""
+
+from __future__ import annotations
+
+import math
+import select
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
+from hw.force.ati_calibration import NEWTON_METRES, NEWTONS, BadCalibration, unit
+from hw.force.sensor import ForceAxes, ForceReading, Wrench
+
+DEFAULT_PORT = 49152
+REQUEST = struct.Struct(">HHI")
+RECORD = struct.Struct(">IIIiiiiii")
+HEADER = 0x1234
+
+_SEQUENCE_MODULUS = 1 << 32
+_STOP_ATTEMPTS = 3
+_QUIET_S = 0.02  # without a record for so long, the stream counts as stopped
+_BACKLOG_RECORDS = 4096  # taken per look at most; far more than a socket's buffer holds
+
+
+class Command(IntEnum):
+    """What may be asked of the box."""
+
+    STOP = 0
+    STREAM = 2
+    RESET_LATCH = 0x41
+    BIAS = 0x42
+
+
+class NetFtScale(NamedTuple):
+    """Counts per newton and per newton metre."""
+
+    counts_per_n: float
+    counts_per_n_m: float
+
+    @classmethod
+    def from_xml(cls, xml: bytes, where: str) -> NetFtScale:
+        """Take the scale from the box's `netftapi2.xml`: cfgcpf and cfgcpt per unit scfgfu and scfgtu.
+
+        Raises BadCalibration. Field names as read by public clients; not seen on a box of ours.
+        """
+        try:
+            root = ElementTree.fromstring(xml)
+        except (ElementTree.ParseError, ValueError, LookupError) as error:
+            raise BadCalibration(f"{where} is not XML ({error})", "give the box's netftapi2.xml") from error
+        force_n = unit(_text(root, "scfgfu", where), NEWTONS, where)
+        torque_n_m = unit(_text(root, "scfgtu", where), NEWTON_METRES, where)
+        return cls(_counts(root, "cfgcpf", where) / force_n, _counts(root, "cfgcpt", where) / torque_n_m)
+
+
+def _text(root: ElementTree.Element, tag: str, where: str) -> str:
+    text = root.findtext(f".//{tag}")
+    if text is None or not text.strip():
+        raise BadCalibration(f"{where} has no <{tag}>", "give the box's netftapi2.xml, or the counts in the rig's file")
+    return text.strip()
+
+
+def _counts(root: ElementTree.Element, tag: str, where: str) -> float:
+    text = _text(root, tag, where)
+    if not (text.isdecimal() and int(text) > 0):
+        raise BadCalibration(f"{where}: <{tag}> is {text!r}, not a count > 0", "give the box's netftapi2.xml")
+    return float(text)
+
+
+@dataclass(frozen=True)
+class NetFtSettings:
+    """Where the box is and how to read it.
+
+    A reading is at most `timeout_s` old, and no call waits much longer than that. Status bits outside
+    `ignored_status` mark a reading as not to be trusted (the bits' meaning is not verified, so by default all do).
+    `f_t_sequence_advances` False accepts records whose F/T sequence stands still (not verified for every box).
+    `bias_tolerance_n` is what may remain on each axis after a software bias.
+    """
+
+    host: str
+    scale: NetFtScale
+    axes: ForceAxes
+    port: int = DEFAULT_PORT
+    timeout_s: float = 0.1
+    ignored_status: int = 0
+    f_t_sequence_advances: bool = True
+    bias_tolerance_n: float = 0.2
+    bias_timeout_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be; raises ValueError."""
+        positive = (*self.scale, self.timeout_s, self.bias_tolerance_n, self.bias_timeout_s)
+        if not (all(0.0 < value < math.inf for value in positive) and 0 < self.port < 1 << 16):
+            raise ValueError(f"counts, timeouts and tolerance must be > 0 and finite and the port 1..65535: {self}")
+
+
+@dataclass
+class RdtCounters:
+    """What arrived; `missed` are sequence numbers that were not there when their successors came."""
+
+    accepted: int = 0
+    missed: int = 0
+    duplicated: int = 0
+    out_of_order: int = 0
+    frozen: int = 0
+    wrong_source: int = 0
+    wrong_length: int = 0
+
+    def __str__(self) -> str:
+        """For a person."""
+        return ", ".join(f"{field.name.replace('_', ' ')} {getattr(self, field.name)}" for field in fields(self))
+
+
+class NetFt:
+    """A force sensor behind a Net F/T box, streaming between `open` and `close`. Thread-safe."""
+
+    def __init__(self, settings: NetFtSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self.resource = f"Net F/T {settings.host}:{settings.port}"
+        self.counters = RdtCounters()
+        self.status_raw = 0
+        self._settings = settings
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._socket: socket.socket | None = None
+        self._address = ("", 0)
+        self._newest: Wrench | None = None
+        self._sequences: tuple[int, int] | None = None
+        self._looked_s = 0.0
+
+    def open(self) -> None:
+        """Start the stream and wait for its first record; does nothing when open.
+
+        Raises DeviceDisconnected when the host is unknown, DeviceTimeout when no record comes.
+        """
+        with self._lock:
+            if self._socket is not None:
+                return
+            self._address = self._resolve()
+            self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            self._socket.setblocking(False)
+            self.counters, self._newest, self._sequences = RdtCounters(), None, None
+            self._looked_s = self._clock()
+            try:
+                self._send(Command.STREAM)
+                self._await(lambda wrench: True, self._settings.timeout_s)
+            except BaseException:
+                self._stop()
+                raise
+
+    def read(self) -> ForceReading:
+        """Return the newest reading, seen from the screen. Raises as `read_wrench` does."""
+        return self._settings.axes.reading(self.read_wrench())
+
+    def read_wrench(self) -> Wrench:
+        """Return the newest record, at most `timeout_s` old; the same one, with its own time, until the next comes.
+
+        Raises DeviceTimeout when there is none, DeviceDisconnected when not open.
+        """
+        with self._lock:
+            self._look()
+            if self._newest is None or self._clock() - self._newest.time_s > self._settings.timeout_s:
+                self._newest = None
+                return self._await(lambda wrench: True, self._settings.timeout_s)
+            return self._newest
+
+    def take_bias(self) -> None:
+        """Make the present load the box's zero; the stream must confirm it, since the box does not.
+
+        Raises DeviceTimeout, or BadReply when a force beyond `bias_tolerance_n` remains.
+        """
+        with self._lock:
+            self._look()
+            self._newest = None
+            self._send(Command.BIAS)
+            tolerance_n = self._settings.bias_tolerance_n
+            try:
+                self._await(lambda wrench: max(map(abs, wrench.force_n)) <= tolerance_n, self._settings.bias_timeout_s)
+            except DeviceTimeout:
+                if self._newest is None:
+                    raise
+                raise BadReply(
+                    f"{self.resource} still reads {self._newest.force_n} N after its bias was taken",
+                    "leave the sensor unloaded and still; then take the bias again",
+                ) from None
+
+    def reset_latch(self) -> None:
+        """Clear a threshold condition that the box has latched into its status. Raises DeviceDisconnected."""
+        with self._lock:
+            self._send(Command.RESET_LATCH)
+
+    def close(self) -> None:
+        """Stop the stream and hang up; never fails, does nothing when closed."""
+        with self._lock:
+            self._stop()
+
+    def _resolve(self) -> tuple[str, int]:
+        try:
+            found = socket.getaddrinfo(self._settings.host, self._settings.port, socket.AF_INET, socket.SOCK_DGRAM)
+        except (OSError, UnicodeError) as error:
+            raise DeviceDisconnected(f"{self.resource}: no such host ({error})", "check the address") from error
+        host, port = found[0][4][:2]
+        return str(host), int(port)
+
+    def _send(self, command: Command) -> None:
+        try:
+            self._opened().sendto(REQUEST.pack(HEADER, command, 0), self._address)
+        except OSError as error:
+            raise DeviceDisconnected(
+                f"{self.resource} cannot be reached ({error})", "check network and address"
+            ) from error
+
+    def _opened(self) -> socket.socket:
+        if self._socket is None:
+            raise DeviceDisconnected(f"{self.resource} is not open", "call open() first")
+        return self._socket
+
+    def _await(self, wanted: Callable[[Wrench], bool], timeout_s: float) -> Wrench:
+        """Wait for a record from now on that is `wanted`."""
+        connection = self._opened()
+        deadline_s = self._clock() + timeout_s
+        while (remaining_s := deadline_s - self._clock()) > 0.0:
+            if select.select([connection], [], [], remaining_s)[0]:
+                self._look()
+                if self._newest is not None and wanted(self._newest):
+                    return self._newest
+            else:
+                self._looked_s = self._clock()  # nothing piled up meanwhile
+        raise DeviceTimeout(
+            f"{self.resource} sent no usable record for {timeout_s:g} s ({self.counters})",
+            "check power and network, that no one else has taken the stream, and reconnect",
+        )
+
+    def _look(self) -> None:
+        """Take in what has arrived.
+
+        A full buffer drops the newest records and keeps the oldest; when no one has looked for longer than
+        `timeout_s`, what is there may be that old, and is counted but not believed.
+        """
+        connection = self._opened()
+        believed = self._clock() - self._looked_s <= self._settings.timeout_s
+        for _ in range(_BACKLOG_RECORDS):
+            try:
+                data, source = connection.recvfrom(RECORD.size + 1)
+            except BlockingIOError:
+                break
+            except OSError:  # a port unreachable from an earlier request; silence will tell
+                continue
+            if source != self._address:
+                self.counters.wrong_source += 1
+            elif len(data) != RECORD.size:
+                self.counters.wrong_length += 1
+            else:
+                self._take(data, believed)
+        self._looked_s = self._clock()
+
+    def _take(self, data: bytes, believed: bool) -> None:
+        rdt_sequence, f_t_sequence, status, *counts = RECORD.unpack(data)
+        if not self._advances(rdt_sequence, f_t_sequence):
+            return
+        self._sequences = (rdt_sequence, f_t_sequence)
+        self.counters.accepted += 1
+        self.status_raw = status
+        scale = self._settings.scale
+        fx, fy, fz = (count / scale.counts_per_n for count in counts[:3])
+        tx, ty, tz = (count / scale.counts_per_n_m for count in counts[3:])
+        faulty = status & ~self._settings.ignored_status != 0
+        self._newest = Wrench(self._clock(), (fx, fy, fz), (tx, ty, tz), faulty) if believed else None
+
+    def _advances(self, rdt_sequence: int, f_t_sequence: int) -> bool:
+        """Count what is wrong with the record's place in the stream; False when it is no news."""
+        if self._sequences is None:
+            return True
+        step = (rdt_sequence - self._sequences[0]) % _SEQUENCE_MODULUS
+        if step == 0:
+            self.counters.duplicated += 1
+            return False
+        if step >= _SEQUENCE_MODULUS // 2:
+            self.counters.out_of_order += 1
+            return False
+        self.counters.missed += step - 1
+        if f_t_sequence == self._sequences[1] and self._settings.f_t_sequence_advances:
+            self._sequences = (rdt_sequence, f_t_sequence)
+            self.counters.frozen += 1
+            return False
+        return True
+
+    def _stop(self) -> None:
+        """Ask for the end of the stream, again while records keep coming, since a request may be lost."""
+        if self._socket is None:
+            return
+        with suppress(DeviceDisconnected):
+            for _ in range(_STOP_ATTEMPTS):
+                self._send(Command.STOP)
+                self._look()
+                if not select.select([self._socket], [], [], _QUIET_S)[0]:
+                    break
+        self._socket.close()
+        self._socket, self._newest = None, None

@@ -1,0 +1,1 @@
+"""The Agilent 33220A: its driver, and a simulator beside it."""

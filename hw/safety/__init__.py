@@ -1,0 +1,1 @@
+"""What switches off when nothing else does: interlock and watchdog."""

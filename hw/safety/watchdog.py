@@ -1,0 +1,319 @@
+"""A process of its own that switches the output off when the driver dies, over connections of its own.
+
+`atexit`, signal handlers and `finally` do not run after SIGKILL, a crash of the interpreter or a hang; this does. The
+driver beats over a pipe. When beats stop for `period_s`, or the pipe closes (however the driver ended), the watchdog
+says `OUTP 0`, opens the interlock's contact if it is told of one, reads both back, tries again until there is evidence
+or `give_up_s` have passed, and ends; its exit status says which. It can do nothing against a computer without power or
+an instrument that is cut off: that is what the interlock box is for.
+
+    python -m hw.safety.watchdog --generator TCPIP::192.168.0.5::5025::SOCKET [--interlock RESOURCE] [--period 0.5] ...
+
+reads beats from its standard input: `b` (the output is wanted), `r` (rest: it is known to be off, do not wait for
+beats). It counts from the first beat. Standard output gets one line: `ready`, or why not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import enum
+import logging
+import os
+import queue
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+
+from hw.errors import DeviceDisconnected, DeviceTimeout
+from hw.transport.resource import make_transport
+from hw.transport.running import Running
+
+BEAT, REST = b"b", b"r"
+READY = "ready"
+LAST_LOOK = 0.1  # of the period
+_END_S = 10.0  # for the process to be scheduled and to end; it switches off meanwhile
+_log = logging.getLogger("hw.safety.watchdog")
+
+
+class Outcome(enum.IntEnum):
+    """Exit status of the watchdog: what it knows about the output."""
+
+    OFF = 0
+    NOT_STARTED = 2
+    UNKNOWN = 3
+    ON = 4
+
+
+@dataclass(frozen=True)
+class WatchdogSettings:
+    """What it switches off, and when. Resources as `make_transport` takes them; `interlock` may be absent.
+
+    A serial port or USB device cannot be shared with the driver: give the watchdog resources of its own.
+
+    `give_up_s`: how long it goes on trying without evidence. Raises ValueError for times that are not > 0.
+    """
+
+    generator: str
+    interlock: str | None = None
+    period_s: float = 0.5
+    reply_timeout_s: float = 0.3
+    retry_s: float = 0.2
+    give_up_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be a setting."""
+        for name in ("period_s", "reply_timeout_s", "retry_s", "give_up_s"):
+            if not 0.0 < getattr(self, name) < float("inf"):
+                raise ValueError(f"watchdog {name} must be a finite number > 0, not {getattr(self, name)!r}")
+
+    def arguments(self) -> list[str]:
+        """The command line that says the same."""
+        given = {name.removesuffix("_s").replace("_", "-"): value for name, value in vars(self).items()}
+        return [f"--{name}={value}" for name, value in given.items() if value is not None]
+
+
+class Watchdog(Running):
+    """The driver's side: starts the process and beats it; a heartbeat for `Rig`.
+
+    The process is in a session of its own and ignores SIGINT, SIGTERM and SIGHUP, so that what ends the driver does
+    not end it too. `beat` never waits.
+    """
+
+    def __init__(self, settings: WatchdogSettings) -> None:
+        self.settings = settings
+        self._process: subprocess.Popen[bytes] | None = None
+
+    @property
+    def pid(self) -> int | None:
+        """Its process id; None when it is not running for us."""
+        return None if self._process is None else self._process.pid
+
+    def start(self, timeout_s: float = 30.0) -> None:
+        """Start it and wait until its own connections answer; does nothing when it runs already.
+
+        Raises DeviceDisconnected when they do not.
+        """
+        if self._process is not None and self._process.poll() is None:
+            return  # letting go of it would switch off
+        self.close()
+        process = subprocess.Popen(
+            [sys.executable, "-m", "hw.safety.watchdog", *self.settings.arguments()],
+            bufsize=0,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        )
+        said = _first_line(process, timeout_s)
+        if said != READY:
+            process.kill()
+            process.communicate()
+            raise DeviceDisconnected(
+                f"watchdog: {said or f'not ready within {timeout_s:g} s'}",
+                "the generator must accept a second connection; check its address",
+            )
+        os.set_blocking(_pipe(process), False)
+        self._process = process
+
+    def beat(self) -> None:
+        """Say that the output is still wanted; raises DeviceError once the watchdog has ended or does not listen."""
+        if self._process is None:
+            raise DeviceDisconnected("watchdog: it is not running", "start it before switching on")
+        status = self._process.poll()
+        if status is not None:
+            raise DeviceDisconnected(
+                f"watchdog: it has ended ({_describe(status)})", "find out why beats stopped; then start it again"
+            )
+        try:
+            os.write(_pipe(self._process), BEAT)
+        except BlockingIOError as error:
+            raise DeviceTimeout("watchdog: it does not take beats", "restart the driver") from error
+        except OSError as error:
+            raise DeviceDisconnected(f"watchdog: its pipe is broken ({error})", "start it again") from error
+
+    def rest(self) -> None:
+        """Say that the output is known to be off; no matter when the watchdog has ended."""
+        if self._process is not None:
+            with suppress(OSError):
+                os.write(_pipe(self._process), REST)
+
+    def close(self) -> bool | None:
+        """Let it switch off and end; return whether the output is off (None: unknown). Never raises.
+
+        Takes at most `give_up_s`, a few reply timeouts, and what a busy machine needs to end a process.
+        """
+        process, self._process = self._process, None
+        if process is None:
+            return None
+        try:
+            # closes its input, which makes it switch off
+            process.communicate(timeout=self.settings.give_up_s + 10.0 * self.settings.reply_timeout_s + _END_S)
+        except subprocess.TimeoutExpired:
+            return None
+        return {Outcome.OFF.value: True, Outcome.ON.value: False}.get(process.returncode)
+
+
+def _pipe(process: subprocess.Popen[bytes]) -> int:
+    assert process.stdin is not None
+    return process.stdin.fileno()
+
+
+def _first_line(process: subprocess.Popen[bytes], timeout_s: float) -> str:
+    """What the process says first; empty when it says nothing in time or ends."""
+    assert process.stdout is not None
+    lines: queue.Queue[bytes] = queue.Queue()
+    stdout = process.stdout
+    threading.Thread(target=lambda: lines.put(stdout.readline()), daemon=True).start()
+    try:
+        return lines.get(timeout=timeout_s).decode(errors="replace").strip()
+    except queue.Empty:
+        return ""
+
+
+def _describe(status: int) -> str:
+    return Outcome(status).name.lower() if status in set(Outcome) else f"status {status}"
+
+
+# --- the process itself ------------------------------------------------------------------------------------------
+
+
+class _Instrument:
+    """A connection of the watchdog's own and the two lines it knows to say; `answers` tells off from on."""
+
+    def __init__(self, resource: str, timeout_s: float, ask: bytes, off: bytes, answers: re.Pattern[bytes]) -> None:
+        self.resource = resource
+        self._transport = make_transport(resource)
+        self._timeout_s = timeout_s
+        self._ask = ask
+        self._off = off
+        self._answers = answers
+
+    def ask(self) -> bool | None:
+        """Whether it is off; None when it does not say."""
+        return self._query(self._ask)
+
+    def switch_off(self) -> bool | None:
+        """Switch off and read back; a connection that fails is made anew the next time."""
+        return self._query(self._off)
+
+    def _query(self, line: bytes) -> bool | None:
+        try:
+            self._transport.open()
+            reply = self._transport.query(line, self._timeout_s)
+        except Exception as error:  # whatever it is, the other instrument and the next attempt must not suffer
+            said = str(error)
+            _log.warning("%s", said if self.resource in said else f"{self.resource}: {said}")
+            self._transport.close()
+            return None
+        match = self._answers.fullmatch(reply.strip())
+        if match is None:
+            _log.warning("%s answered %r to %r", self.resource, reply[:80], line)
+            self._transport.close()
+            return None
+        return match["off"] is not None
+
+
+def _instruments(settings: WatchdogSettings) -> list[_Instrument]:
+    said = re.compile(rb"(?P<off>0)|1")
+    found = [_Instrument(settings.generator, settings.reply_timeout_s, b"OUTP?\n", b"OUTP 0;:OUTP?\n", said)]
+    if settings.interlock is not None:
+        said = re.compile(rb"(?P<off>OFF) [A-Z]+ \d+|ON OK \d+")
+        found.append(_Instrument(settings.interlock, settings.reply_timeout_s, b"STATUS?\n", b"DISABLE\n", said))
+    return found
+
+
+def wait_for_silence(beats: queue.Queue[bytes], period_s: float) -> str:
+    """Return, in words, why there are no more beats; `beats` gives BEAT, REST, or nothing at the end of the pipe.
+
+    The last tenth of the period is waited for apart: when a busy machine has let this process sleep for longer than its
+    driver was silent, whoever listens has time to hand over the beats that came meanwhile.
+    """
+    timeout_s = None
+    while True:
+        try:
+            beat = beats.get(timeout=timeout_s)
+        except queue.Empty:
+            try:
+                beat = beats.get(timeout=period_s * LAST_LOOK)
+            except queue.Empty:
+                return f"no beat for {period_s:g} s"
+        if not beat:
+            return "the pipe is closed"
+        timeout_s = None if beat == REST else period_s * (1.0 - LAST_LOOK)
+
+
+def switch_off(instruments: Sequence[_Instrument], settings: WatchdogSettings) -> Outcome:
+    """Switch all off at the same time, again and again until all say so or time is up; what is known at the end.
+
+    One that says off is evidence, as each of them alone takes the voltage away.
+    """
+    deadline_s = time.monotonic() + settings.give_up_s
+    with ThreadPoolExecutor(len(instruments)) as pool:
+        while True:
+            said = list(pool.map(_Instrument.switch_off, instruments))
+            if all(said) or time.monotonic() >= deadline_s:
+                break
+            time.sleep(settings.retry_s)
+    if any(said):
+        return Outcome.OFF
+    return Outcome.ON if False in said else Outcome.UNKNOWN
+
+
+def main(arguments: Sequence[str] | None = None) -> Outcome:
+    """Run the process; the outcome is its exit status."""
+    settings = _parse(arguments)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    logging.basicConfig(format="%(asctime)s watchdog: %(message)s", level=logging.INFO)
+    instruments = _instruments(settings)
+    silent = [instrument.resource for instrument in instruments if instrument.ask() is None]
+    if silent:
+        print(f"{', '.join(silent)} does not answer", flush=True)
+        return Outcome.NOT_STARTED
+    print(READY, flush=True)
+    beats: queue.Queue[bytes] = queue.Queue()
+    threading.Thread(target=_listen, args=(beats,), daemon=True).start()
+    reason = wait_for_silence(beats, settings.period_s)
+    outcome = switch_off(instruments, settings)
+    _log.info("%s; output %s", reason, outcome.name.lower())
+    return outcome
+
+
+def _listen(beats: queue.Queue[bytes]) -> None:
+    """Put what comes on standard input, the newest of each read, and nothing at its end."""
+    try:
+        while received := os.read(0, 4096):
+            beats.put(received[-1:])
+    finally:  # an input that cannot be read is at its end too
+        beats.put(b"")
+
+
+def _parse(arguments: Sequence[str] | None) -> WatchdogSettings:
+    parser = argparse.ArgumentParser(
+        prog="python -m hw.safety.watchdog", description="Switch off when the driver dies."
+    )
+    parser.add_argument("--generator", required=True, help="its resource, e.g. TCPIP::host::5025::SOCKET")
+    parser.add_argument("--interlock", help="resource of a heartbeat interlock box")
+    for name in ("period", "reply-timeout", "retry", "give-up"):
+        default = getattr(WatchdogSettings, f"{name.replace('-', '_')}_s")
+        parser.add_argument(f"--{name}", type=float, default=default, metavar="S", help=f"seconds; {default:g}")
+    given = parser.parse_args(arguments)
+    try:
+        settings = WatchdogSettings(
+            given.generator, given.interlock, given.period, given.reply_timeout, given.retry, given.give_up
+        )
+        for resource in filter(None, (settings.generator, settings.interlock)):
+            make_transport(resource)
+    except ValueError as error:
+        parser.error(str(error))
+    return settings
+
+
+if __name__ == "__main__":
+    sys.exit(main())

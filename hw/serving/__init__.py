@@ -1,0 +1,1 @@
+"""What simulated instruments stand on: sockets, pseudo-terminals, framing."""

@@ -1,0 +1,1 @@
+"""Links and instruments that fail, record, replay or exist in memory only."""

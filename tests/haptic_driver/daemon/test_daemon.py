@@ -1,0 +1,267 @@
+"""The whole daemon on simulated instruments: what its callers are promised, checked at the simulated electrode."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from haptic_driver.config import find_config
+from haptic_driver.daemon.messages import DaemonState
+from haptic_driver.daemon.set_up import latency_budget_s
+from haptic_driver.errors import BadInputError
+from haptic_driver.recording.read import read_run
+from haptic_driver.simulation.lines import Lines
+from haptic_driver.surface.build import build_surface
+from haptic_driver.surface.models import load_model
+from hw.transport.tcp import TcpTransport
+from tests.haptic_driver.daemon.refusal import refusal
+from tests.haptic_driver.daemon.waiting import keep_rendering, until_ready
+from tests.waiting import HANG_S, until
+
+RIG = "simulated"
+
+
+@pytest.fixture
+def electrode_v(history):
+    """The voltage at the electrode now."""
+    return lambda: history()[-1][1]
+
+
+def test_friction_follows_its_target_through_bytes_and_back(daemon, electrode_v):
+    lease = daemon.arm(2.0)
+    assert daemon.status().state is DaemonState.ARMED
+    assert electrode_v() == 0.0
+    for cof in (0.60, 0.68):
+        status = daemon.set_target(lease.token, cof)
+        assert (status.state, status.target_cof) == (DaemonState.RENDERING, cof)
+        keep_rendering(daemon, lease.token, lambda: electrode_v() > 10.0)
+
+        def settled(cof=cof):
+            found = daemon.samples(0, 300)
+            sliding = np.isfinite(found["measured_cof"]) & (found["target_cof"] == cof)
+            return sliding.sum() > 250 and abs(found["measured_cof"][sliding].mean() / cof - 1.0) < 0.05
+
+        keep_rendering(daemon, lease.token, settled)
+    status = daemon.status()
+    assert status.simulated
+    assert (status.target_cof, status.texture) == (0.68, None)
+    status = daemon.off()
+    assert electrode_v() == 0.0
+    assert (status.state, status.output_on) == (DaemonState.ARMED, False)
+
+
+def test_off_is_off_at_once_and_stays_so_until_asked_again(daemon, electrode_v):
+    lease = daemon.arm(2.0)
+    for _ in range(10):
+        daemon.set_target(lease.token, 0.65)
+        keep_rendering(daemon, lease.token, lambda: electrode_v() > 1.5)
+        daemon.off()
+        assert electrode_v() == 0.0
+        time.sleep(0.02)
+        assert electrode_v() == 0.0
+
+
+def test_a_lost_client_takes_the_output_to_zero_and_the_lease_away(daemon, electrode_v):
+    lease = daemon.arm(0.3)
+    daemon.set_target(lease.token, 0.65)
+    keep_rendering(daemon, lease.token, lambda: electrode_v() > 10.0)
+    until(lambda: daemon.status().state is DaemonState.IDLE)
+    assert electrode_v() == 0.0
+    assert refusal(daemon.renew, lease.token).code == "not_armed"
+    assert "lease_lost" in daemon.status().flags
+    assert any(event.kind == "lease" for event in daemon.events(0))
+    daemon.arm(0.3)
+    assert daemon.status().flags == []
+
+
+def test_another_fingers_model_is_used_from_then_on(daemon, settings, tmp_path):
+    """One for a skin held off the screen by half a micrometre; the finger, which is not, feels more than it expects."""
+    reference = find_config("reference", "models").read_text()
+    finger = tmp_path / "finger.toml"
+    finger.write_text(re.sub(r"(gap_offset_m += {) value = 0.0,", r"\1 value = 0.5e-6,", reference))
+    began = daemon.events(0)[-1].number
+    for name, is_more in ((str(finger), True), ("reference", False)):
+        status = daemon.use_model(name)
+        assert (status.state, status.model) == (DaemonState.IDLE, name)
+        expected = build_surface(load_model(name), settings.config.operating_limits())
+        assert status.surface_hash == expected.content_hash
+        assert np.nanmax(np.array(daemon.surface_map()["cof"], float)) == pytest.approx(
+            np.nanmax(expected.cof[:, :, 2]), rel=0.01
+        )
+        lease = daemon.arm(2.0)
+        assert refusal(daemon.use_model, "reference").code == "not_idle"
+        daemon.set_target(lease.token, 0.65)
+
+        def learnt(is_more=is_more):
+            """The finger's gain over a second of sliding: above 1 with one model, about 1 with the other."""
+            gain = daemon.samples(0, 1000)["feedback_gain"][-300:]
+            return (gain > 1.05).all() if is_more else (np.abs(gain - 1.0) < 0.05).all() and gain.std() > 0.0
+
+        keep_rendering(daemon, lease.token, learnt)
+        daemon.disarm()
+    with pytest.raises(BadInputError, match="nobody"):
+        daemon.use_model("nobody")
+    assert daemon.status().model == "reference"
+    assert not [event for event in daemon.events(began) if event.kind == "fault"]
+
+
+def test_a_run_that_is_recorded_keeps_its_model(daemon, tmp_path):
+    daemon.record(str(tmp_path / "run.h5"))
+    assert refusal(daemon.use_model, "reference").code == "recording"
+    daemon.record(None)
+    attributes = read_run(tmp_path / "run.h5").attributes
+    assert attributes["model"] == "reference"
+    assert attributes["calibration_ids"]["amplifier"] == "simulation, 2024-01-01"
+
+
+def test_nothing_is_rendered_without_the_lease(daemon, electrode_v):
+    assert refusal(daemon.set_target, "guessed", 0.6).code == "not_armed"
+    lease = daemon.arm(2.0)
+    assert refusal(daemon.set_target, "guessed", 0.6).code == "not_yours"
+    assert refusal(daemon.arm, 2.0).code == "already_armed"
+    assert refusal(daemon.reset).code == "no_fault"
+    with pytest.raises(BadInputError, match="there is no texture 'gratin'"):
+        daemon.play(lease.token, "gratin")
+    assert daemon.status().state is DaemonState.ARMED
+    assert electrode_v() == 0.0
+
+
+def test_textures_are_swapped_while_they_play_and_can_be_drawn(daemon):
+    lease = daemon.arm(5.0)
+    assert {"grating", "sandpaper", "steps"} <= set(daemon.textures())
+    for name in ("grating", "sandpaper", "linen", "steps", "grating"):
+        status = daemon.play(lease.token, name)
+        assert (status.state, status.texture) == (DaemonState.RENDERING, name)
+        daemon.renew(lease.token)
+    drawn = daemon.texture_map()
+    assert np.shape(drawn["cof"]) == (len(drawn["y_m"]), len(drawn["x_m"]))
+    x = np.array(drawn["x_m"])
+    grating = np.array(drawn["cof"])[0]
+    assert np.ptp(grating[x < 0.02]) > 0.02
+
+
+def test_the_surface_can_be_drawn(daemon, surface_file):
+    drawn = daemon.surface_map()
+    cof = np.array(drawn["cof"], dtype=float)
+    assert cof.shape == (len(drawn["frequency_hz"]), len(drawn["voltage_v"]))
+    assert drawn["frequency_hz"][0] == pytest.approx(surface_file.frequency_hz[0])
+    assert np.all(np.diff(cof[10][np.isfinite(cof[10])]) >= 0.0)
+
+
+def test_samples_and_events_are_told_once(daemon):
+    last = int(daemon.samples(0, 1)["tick"][0])
+    until(lambda: daemon.status().ticks > last + 20)
+    more = daemon.samples(last, 50)
+    assert len(more) >= 10
+    assert np.all(more["tick"] > last)
+    assert np.all(np.diff(more["tick"].astype(int)) >= 1)
+    daemon.arm(1.0)
+    events = daemon.events(0)
+    assert [event.number for event in events] == list(range(events[0].number, events[0].number + len(events)))
+    assert daemon.events(events[-1].number) == []
+    assert len(daemon.events(events[-2].number)) == 1
+
+
+def test_status_says_what_latency_is_made_of(daemon, rig_config):
+    budget = daemon.status().latency_budget_s
+    assert budget["total"] == pytest.approx(sum(value for name, value in budget.items() if name != "total"))
+    assert budget["set_point"] == pytest.approx(0.005)
+    slower = rig_config.model_copy(update={"output": rig_config.output.model_copy(update={"latency_s": 0.1})})
+    assert latency_budget_s(slower, 0.001)["instrument"] == pytest.approx(0.095)
+
+
+def test_a_trip_of_the_amplifier_is_a_fault_until_it_is_reset(daemon, electrode_v):
+    lease = daemon.arm(2.0)
+    daemon.set_target(lease.token, 0.65)
+    keep_rendering(daemon, lease.token, lambda: electrode_v() > 10.0)
+    lines = Lines(TcpTransport.from_resource(daemon.endpoints["amplifier_lines"]))
+    lines.write(False)  # somebody presses the E-stop
+    lines.close()
+    until(lambda: daemon.status().state is DaemonState.FAULT)
+    assert electrode_v() == 0.0
+    status = daemon.status()
+    assert "enable line" in status.fault
+    assert "tripped" in status.flags
+    assert refusal(daemon.renew, lease.token).code == "not_armed"
+    assert refusal(daemon.arm, 1.0).code == "fault"
+    assert daemon.reset().state is DaemonState.IDLE
+    assert daemon.status().fault is None
+
+
+def since(daemon):
+    """A function that gives the events of one kind from now on."""
+    last = daemon.events(0)[-1].number
+    return lambda kind: [event for event in daemon.events(last) if event.kind == kind]
+
+
+def test_markers_of_a_script_are_told_when_they_pass(daemon, tmp_path):
+    script = tmp_path / "blocks.csv"
+    script.write_text("time_s,cof,label\n0,0.6,begin\n0.2,0.65,\n0.4,0.7,second block\n900,0.6,end\n")
+    new = since(daemon)
+    lease = daemon.arm(2.0)
+    began_s = time.monotonic()
+    daemon.play(lease.token, str(script))
+    keep_rendering(daemon, lease.token, lambda: len(new("marker")) >= 2)
+    markers = new("marker")
+    assert [marker.message for marker in markers] == ["begin", "second block"]
+    begin_s, second_s = (marker.data["due_s"] for marker in markers)
+    assert second_s - begin_s == pytest.approx(0.4)
+    assert begin_s >= began_s
+    assert all(marker.time_s >= marker.data["due_s"] for marker in markers)
+    daemon.set_target(lease.token, 0.6)  # the script is over, and so are its markers
+    assert len(new("marker")) == 2
+
+
+def test_a_finger_that_is_another_than_the_surfaces_is_told_once_per_fifth(daemon):
+    lines = Lines(TcpTransport.from_resource(daemon.endpoints["amplifier_lines"]))
+    lines.set_gain(1.6)
+    try:
+        new = since(daemon)
+        lease = daemon.arm(5.0)
+        daemon.set_target(lease.token, 1.0)
+        keep_rendering(daemon, lease.token, lambda: new("drift"))
+        first = new("drift")[0].data["gain"]
+        assert first > 1.2
+        told = [1.0] + [event.data["gain"] for event in new("drift")]
+        assert all(abs(after / before - 1.0) > 0.2 for before, after in pairwise(told))
+    finally:
+        lines.set_gain(1.0)
+        lines.close()
+
+
+def test_the_command_ends_with_the_output_off_and_a_killed_one_is_replaced(tmp_path):
+    path = tmp_path / "run" / "daemon.sock"
+    command = [sys.executable, "-m", "haptic_driver.daemon", "--socket", str(path)]
+
+    def start():
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        until_ready(process)
+        return process
+
+    killed = start()
+    killed.kill()
+    killed.wait()
+    killed.stderr.close()
+    assert path.exists()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(HANG_S)
+        command += ["--osc", f"127.0.0.1:{receiver.getsockname()[1]}"]
+        process = start()
+        assert receiver.recv(2048).startswith(b"/haptic/sample\0")
+    assert oct(path.stat().st_mode & 0o777) == "0o600"
+    os.kill(process.pid, signal.SIGTERM)
+    said = process.stderr.read()
+    process.stderr.close()
+    assert process.wait(HANG_S) == 0
+    assert "the output is off" in said
+    assert not path.exists()

@@ -1,0 +1,304 @@
+"""The API as independent HTTP and WebSocket clients see it: sockets, tokens, errors, streams, fuzzing."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import socket
+import stat
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+
+import httpx
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, settings
+from schemathesis import checks
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect, unix_connect
+
+from haptic_driver.daemon.messages import DaemonState
+from haptic_driver.daemon.web.api import create_app
+from haptic_driver.errors import BadInputError, HapticError
+from tests.haptic_driver.daemon.bench_control import BenchControl, serving
+
+HANG_S = 60.0
+CHANGES = ["/arm", "/renew", "/set", "/texture", "/off", "/disarm", "/reset", "/record"]
+
+
+@pytest.fixture
+def control():
+    return BenchControl()
+
+
+@pytest.fixture
+def unix(control, tmp_path):
+    """A client on the Unix socket."""
+    transport = httpx.HTTPTransport(uds=str(tmp_path / "d.sock"))
+    with serving(control, tmp_path), httpx.Client(transport=transport, base_url="http://haptic") as client:
+        yield client
+
+
+@pytest.fixture
+def tcp(control, tmp_path):
+    """(host:port, token) of the API over TCP."""
+    with serving(control, tmp_path, 0) as url:
+        base, _, token = url.partition("/page/?token=")
+        yield base.removeprefix("http://"), token
+
+
+def error_of(response):
+    body = response.json()
+    assert set(body) == {"error"}
+    assert set(body["error"]) == {"code", "message", "hint"}
+    return response.status_code, body["error"]["code"]
+
+
+# --- commands and refusals -------------------------------------------------------------------------------------
+
+
+def test_arm_set_off_disarm(unix, control):
+    lease = unix.post("/arm", json={"lease_s": 5.0}).json()
+    held = {"X-Haptic-Lease": lease["token"]}
+    said = unix.post("/set", json={"cof": 0.6}, headers=held).json()
+    assert (said["state"], said["target_cof"], said["output_on"]) == ("rendering", 0.6, True)
+    assert unix.post("/texture", json={"name": "linen"}, headers=held).json()["texture"] == "linen"
+    assert unix.post("/renew", headers=held).json() == lease
+    assert unix.post("/off").json()["state"] == "armed"
+    assert unix.post("/disarm").json()["state"] == "idle"
+    assert control.machine.state is DaemonState.IDLE
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "body", "status", "code"),
+    [
+        ("POST", "/set", b'{"cof": 0.6}', 409, "not_armed"),
+        ("POST", "/renew", b"", 409, "not_armed"),
+        ("POST", "/reset", b"", 409, "no_fault"),
+        ("POST", "/texture", b'{"name": "linnen"}', 422, "unknown_texture"),
+        ("POST", "/set", b'{"cof": NaN}', 422, "bad_request"),
+        ("POST", "/set", b'{"cof": -1}', 422, "bad_request"),
+        ("POST", "/set", b'{"cof": 0.6, "volt": 9}', 422, "bad_request"),
+        ("POST", "/set", b"\xff\xfe{", 400, "bad_request"),
+        ("POST", "/set", b'{"cof": ', 422, "bad_request"),
+        ("POST", "/arm", b'{"lease_s": 0.01}', 422, "bad_request"),
+        ("POST", "/arm", b"[" * 10_000, 400, "bad_request"),
+        ("POST", "/record", b'{"path": "a\\u0000b"}', 422, "bad_request"),
+        ("GET", "/samples?most=0", b"", 422, "bad_request"),
+        ("GET", "/events?since=1e400", b"", 422, "bad_request"),
+        ("POST", "/off", b"x" * 20_000, 413, "too_large"),
+        ("GET", "/statu", b"", 404, "not_found"),
+        ("PUT", "/status", b"", 405, "method_not_allowed"),
+    ],
+)
+def test_what_is_wrong_is_said_and_changes_nothing(unix, control, method, path, body, status, code):
+    answer = unix.request(method, path, content=body, headers={"Content-Type": "application/json"})
+    assert error_of(answer) == (status, code)
+    assert control.machine.state is DaemonState.IDLE
+
+
+def test_anothers_lease_is_forbidden(unix, control):
+    unix.post("/arm", json={"lease_s": 5.0})
+    assert error_of(unix.post("/set", json={"cof": 0.6}, headers={"X-Haptic-Lease": "mine"})) == (403, "not_yours")
+    assert control.machine.state is DaemonState.ARMED
+
+
+def test_a_body_without_a_length_is_limited_too(unix):
+    def endless():
+        for _ in range(100):
+            yield b" " * 1000
+
+    assert error_of(unix.post("/off", content=endless())) == (413, "too_large")
+
+
+def test_a_near_miss_is_offered_the_path(unix):
+    assert "Did you mean '/status'?" in unix.get("/statu").json()["error"]["hint"]
+
+
+def test_samples_are_columns_of_strict_json(unix):
+    text = unix.get("/samples", params={"most": 3}).text
+    columns = json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
+    assert columns["lateness_s"] == [15e-6, 3e-3, 1.0]
+    assert columns["measured_cof"] == [0.5, 0.5, None]
+
+
+def test_off_does_not_wait_for_requests_that_hang(control, tmp_path):
+    release = threading.Event()
+    control.renew = lambda token: release.wait(HANG_S)
+    transport = httpx.HTTPTransport(uds=str(tmp_path / "d.sock"), limits=httpx.Limits(max_connections=None))
+    with serving(control, tmp_path), httpx.Client(transport=transport, base_url="http://haptic") as client:
+        hanging = [
+            threading.Thread(target=client.post, args=("/renew",), kwargs={"timeout": HANG_S}) for _ in range(60)
+        ]
+        for thread in hanging:
+            thread.start()
+        try:
+            assert client.post("/off", timeout=HANG_S / 2).json()["output_on"] is False
+        finally:
+            release.set()
+            for thread in hanging:
+                thread.join()
+
+
+# --- sockets and tokens ----------------------------------------------------------------------------------------
+
+
+def test_socket_and_token_file_are_this_users_alone(control, tmp_path):
+    before = os.umask(0)
+    try:
+        with serving(control, tmp_path, 0) as url:
+            for name in ("d.sock", "d.sock.token"):
+                assert stat.S_IMODE((tmp_path / name).stat().st_mode) == 0o600
+            assert (tmp_path / "d.sock.token").read_text().strip() == url.partition("token=")[2]
+    finally:
+        os.umask(before)
+    assert not list(tmp_path.glob("d.sock.token"))
+
+
+def test_it_listens_on_loopback_alone(tcp):
+    port = int(tcp[0].split(":")[1])
+    states = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    listening = {row[1] for row in states if row[3] == "0A" and row[1].endswith(f":{port:04X}")}
+    assert listening == {f"0100007F:{port:04X}"}
+
+
+@pytest.mark.parametrize("interface", ["0.0.0.0", "::", "localhost", "nowhere"])
+def test_all_interfaces_at_once_are_refused(control, tmp_path, interface):
+    with pytest.raises(BadInputError, match=interface), serving(control, tmp_path, 0, interface=interface):
+        pass
+
+
+def test_a_port_in_use_is_an_error_with_a_hint(control, tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(HapticError, match=str(port)) as refused, serving(control, tmp_path, port):
+            pass
+    assert "--port" in refused.value.hint
+
+
+def ask(address, method, path, **headers):
+    connection = http.client.HTTPConnection(address, timeout=HANG_S)
+    try:
+        connection.putrequest(method, path, skip_host=True)
+        for name, value in headers.items():
+            connection.putheader(name, value)
+        connection.putheader("Content-Length", "0")
+        connection.endheaders()
+        answer = connection.getresponse()
+        return answer.status, json.loads(answer.read())
+    finally:
+        connection.close()
+
+
+def test_the_token_opens_tcp(tcp):
+    address, token = tcp
+    status, said = ask(address, "GET", "/status", Host=address, Authorization=f"Bearer {token}")
+    assert (status, said["state"]) == (200, "idle")
+    assert ask(address, "GET", f"/status?token={token}", Host=address)[0] == 200
+
+
+@pytest.mark.parametrize(
+    ("headers", "status", "code"),
+    [
+        ({}, 401, "no_token"),
+        ({"Authorization": "Bearer wrong"}, 401, "no_token"),
+        ({"Authorization": "Basic {token}"}, 401, "no_token"),
+        ({"Authorization": "Bearer {token}", "Host": "evil.example"}, 403, "bad_host"),
+        ({"Authorization": "Bearer {token}", "Host": "evil.example:{port}"}, 403, "bad_host"),
+        ({"Authorization": "Bearer {token}", "Origin": "http://evil.example"}, 403, "bad_origin"),
+        ({"Authorization": "Bearer {token}", "Origin": "null"}, 403, "bad_origin"),
+        ({"Authorization": "Bearer {token}", "Origin": "http://localhost:1"}, 403, "bad_origin"),
+    ],
+)
+def test_strangers_over_tcp_change_nothing(tcp, control, headers, status, code):
+    address, token = tcp
+    port = address.split(":")[1]
+    filled = {
+        name: value.format(token=token, port=port) for name, value in ({"Host": "127.0.0.1:{port}"} | headers).items()
+    }
+    for path in [*CHANGES, "/none"]:
+        said = ask(address, "POST", path, **filled)
+        assert (said[0], said[1]["error"]["code"]) == (status, code)
+    assert control.calls == []
+
+
+def test_the_page_is_open_but_nothing_else(control, tmp_path):
+    page = tmp_path / "page"
+    page.mkdir()
+    (page / "index.html").write_text("<title>haptic</title>")
+    with serving(control, tmp_path, 0, page=page) as url:
+        base, _, token = url.partition("/page/?token=")
+        assert "haptic" in httpx.get(base + "/", follow_redirects=True).text
+        assert "default-src 'self'" in httpx.get(base + "/page/").headers["content-security-policy"]
+        assert httpx.get(base + "/page/../status").status_code == 401
+        assert httpx.get(base + "/page/%2e%2e/d.sock.token").status_code == 404
+        assert httpx.post(base + "/page/").status_code == 401
+        assert httpx.get(base + "/status", headers={"Authorization": f"Bearer {token}"}).status_code == 200
+
+
+# --- streams ---------------------------------------------------------------------------------------------------
+
+
+def test_the_state_stream_sums_up_ticks(unix, tmp_path):
+    with unix_connect(str(tmp_path / "d.sock"), "ws://haptic/state") as stream:
+        first, second = (json.loads(stream.recv(HANG_S)) for _ in range(2))
+    assert first["status"]["state"] == "idle"
+    assert first["newest"]["lateness_s"] == 1.0
+    assert first["newest"]["measured_cof"] is None
+    assert first["ticks"]["count"] == 4  # tick 0 is not after tick 0
+    assert first["ticks"]["lateness_median_s"] == pytest.approx((15e-6 + 3e-3) / 2)
+    counts = dict(zip(first["ticks"]["lateness_edges_s"], first["ticks"]["lateness_counts"], strict=True))
+    assert {edge: count for edge, count in counts.items() if count} == {10e-6: 2, 2e-3: 1, 5e-3: 1}
+    assert second["ticks"]["count"] == 1
+
+
+def test_events_come_once_each_and_in_order(unix, control, tmp_path):
+    with unix_connect(str(tmp_path / "d.sock"), "ws://haptic/events?since=0") as stream:
+        assert json.loads(stream.recv(HANG_S))["kind"] == "state"
+        unix.post("/arm", json={"lease_s": 5.0})
+        control.fail("by hand")
+        said = [json.loads(stream.recv(HANG_S)) for _ in range(2)]
+    assert [event["number"] for event in said] == [2, 3]
+    assert said[1]["message"] == "by hand"
+    assert [e["number"] for e in unix.get("/events", params={"since": 2}).json()["events"]] == [3]
+
+
+@pytest.mark.parametrize("stream", ["/state", "/events"])
+def test_streams_over_tcp_need_token_and_origin(tcp, stream):
+    address, token = tcp
+    for query, origin in (("", None), (f"?token={token}", "http://evil.example")):
+        with pytest.raises(InvalidStatus), connect(f"ws://{address}{stream}{query}", origin=origin):
+            pass
+    with connect(f"ws://{address}{stream}?token={token}", origin=f"http://{address}") as messages:
+        assert json.loads(messages.recv(HANG_S))
+
+
+def test_serving_ends_with_streams_open(control, tmp_path):
+    with ExitStack() as streams:
+        with serving(control, tmp_path):
+            stream = streams.enter_context(unix_connect(str(tmp_path / "d.sock"), "ws://haptic/state"))
+            stream.recv(HANG_S)
+        with pytest.raises(ConnectionClosed):  # noqa: PT012
+            while True:
+                stream.recv(HANG_S)
+    assert not (tmp_path / "d.sock").exists()
+
+
+# --- fuzzing ---------------------------------------------------------------------------------------------------
+
+
+FUZZED = BenchControl()
+schema = schemathesis.openapi.from_asgi("/openapi.json", create_app(FUZZED))
+checks.load_all_checks()
+CHECKS = checks.CHECKS.get_by_names(
+    ["not_a_server_error", "status_code_conformance", "content_type_conformance", "response_schema_conformance"]
+)
+
+
+@schema.parametrize()
+@settings(max_examples=10, derandomize=True, suppress_health_check=list(HealthCheck))
+def test_whatever_is_sent_no_5xx_and_no_output_without_a_lease(case):
+    case.call_and_validate(checks=CHECKS)
+    assert FUZZED.machine.state in (DaemonState.IDLE, DaemonState.ARMED)  # rendering takes the token of the lease

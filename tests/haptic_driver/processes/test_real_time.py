@@ -1,0 +1,119 @@
+"""Instants are kept absolutely; those that are missed are counted and never made up for."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptic_driver.processes import real_time
+from haptic_driver.processes.real_time import Metronome
+from tests.clock import ManualClock
+
+
+def metronome(clock, number=0):
+    return Metronome(0.5, number, clock=clock, sleep_until=clock.sleep_until)
+
+
+def test_instants_lie_on_a_grid_no_matter_how_long_work_takes():
+    clock = ManualClock(100.0)
+    beat = metronome(clock)
+    for number, work_s in enumerate((0.1, 0.4, 0.0, 0.49), start=1):
+        due = beat.wait()
+        assert (due.number, due.due_s, due.missed) == (number, 100.0 + 0.5 * number, 0)
+        clock.now_s += work_s
+
+
+def test_a_late_instant_is_served_at_once_with_its_lateness():
+    clock = ManualClock(100.0)
+    beat = metronome(clock)
+    beat.wait()
+    clock.now_s += 0.75  # into the interval after the next instant
+    due = beat.wait()
+    assert (due.number, due.missed) == (2, 0)
+    assert due.lateness_s == pytest.approx(0.25)
+
+
+def test_missed_instants_are_counted_and_left_out():
+    clock = ManualClock(100.0)
+    beat = metronome(clock)
+    beat.wait()
+    clock.now_s += 5.1
+    due = beat.wait()
+    assert (due.number, due.missed) == (11, 9)
+    following = beat.wait()
+    assert (following.number, following.missed) == (12, 0)
+    assert following.due_s == pytest.approx(106.0)
+
+
+def test_numbers_go_on_from_where_they_were():
+    assert metronome(ManualClock(100.0), number=41).wait().number == 42
+
+
+@given(st.lists(st.floats(0.0, 3.0), max_size=50))
+def test_every_instant_is_served_once_or_missed_once(work_s):
+    clock = ManualClock(100.0)
+    beat = metronome(clock)
+    number = 0
+    for work in work_s:
+        due = beat.wait()
+        assert due.number == number + 1 + due.missed
+        assert due.due_s <= clock.now_s < due.due_s + 0.5 + 1e-9
+        number = due.number
+        clock.now_s += work
+
+
+def test_an_instant_is_rehearsed_while_awake_before_it_and_never_late():
+    clock = ManualClock(100.0)
+    beat = Metronome(1e-3, spin_s=real_time.SPIN_S, clock=clock, sleep_until=clock.sleep_until)
+    rehearsed = []
+
+    def rehearse(due):
+        rehearsed.append((due, clock.now_s))
+        clock.now_s += 40e-6
+
+    def spin():  # the clock goes on while nobody sleeps
+        clock.now_s += 1e-6
+        return clock.now_s
+
+    beat._clock = spin
+    due = beat.wait(rehearse)
+    assert [coming.number for coming, _ in rehearsed] == [due.number] * len(rehearsed)
+    assert len(rehearsed) == 4
+    assert all(begun_s < due.due_s - real_time.REHEARSAL_S for _, begun_s in rehearsed)
+    assert 0.0 <= due.lateness_s < 2e-6
+    clock.now_s += 1.2e-3
+    late = beat.wait(rehearse)
+    assert late.lateness_s > 0.0
+    clock.now_s = late.due_s + 1e-3 - 100e-6
+    assert beat.wait(rehearse).lateness_s >= 0.0
+    assert len(rehearsed) == 4, "too late for one that has everything to fetch"
+
+
+def test_sleep_until_never_returns_early():
+    for pause_s in (0.003, 0.0, -1.0):
+        until_s = time.monotonic() + pause_s
+        real_time.sleep_until(until_s)
+        assert time.monotonic() >= until_s
+
+
+def test_precedence_is_taken_where_it_may_be_and_never_given_away():
+    code = "import os; from haptic_driver.processes import clock; print(real_time.take_precedence(), os.nice(0))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    granted, niceness = run.stdout.split()
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    assert int(niceness) == (min(-10, before) if granted == "True" else before)
+
+
+def test_a_machine_that_allows_no_precedence_is_no_failure(monkeypatch):
+    def refuse(*arguments):
+        raise PermissionError
+
+    monkeypatch.setattr(os, "setpriority", refuse)
+    monkeypatch.setattr(sys, "setswitchinterval", lambda interval_s: None)  # of this process, for the tests to come
+    assert real_time.take_precedence() is False

@@ -1,0 +1,156 @@
+"""Readers of the shared memory see whole records, are told what they missed, and never wait."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from haptic_driver.daemon import shared_state
+from haptic_driver.errors import BadInputError
+from haptic_driver.processes.samples import SAMPLE
+from haptic_driver.processes.shared_memory import NO_ORDER, NOTHING_SENSED, RING_SAMPLES, Sensed, SharedState
+from haptic_driver.render.texture import FrictionMap, Placed, Uniform
+from tests.haptic_driver.daemon.ticks import made_tick
+
+HAMMER_S = 1.0
+HAMMER = """
+import sys, time
+from haptic_driver.processes.shared_memory import Sensed, SharedState
+shared = SharedState(int(sys.argv[1]))
+print("ready", flush=True)
+until_s, k = time.monotonic() + float(sys.argv[2]), 0
+while time.monotonic() < until_s:
+    for _ in range(100):
+        k += 1
+        x = float(k)
+        shared.sensed.write(Sensed(x, x, x, True, x, x, x, bool(k % 2)))
+        shared.ring.write((k, *(x,) * 11, 1, *(x,) * 6, 1, k % 512))
+"""
+
+
+def hammer(shared):
+    process = subprocess.Popen(
+        [sys.executable, "-c", HAMMER, str(shared.descriptor), str(HAMMER_S)],
+        pass_fds=[shared.descriptor],
+        stdout=subprocess.PIPE,
+    )
+    process.stdout.readline()
+    return process
+
+
+def test_a_record_written_here_is_read_there(shared):
+    there = SharedState(shared.descriptor)
+    assert there.order.read() == NO_ORDER
+    order = NO_ORDER._replace(number=3, rendering=True, lease_until_s=12.5, target=7)
+    shared.order.write(order)
+    assert there.order.read() == order
+    assert there.sensed.read() == NOTHING_SENSED
+
+
+def test_nobody_ever_reads_half_a_record_while_another_process_writes(shared):
+    process = hammer(shared)
+    seen = []
+    while process.poll() is None:
+        seen.append(shared.sensed.read())
+    process.stdout.close()
+    numbers = [record.finger_time_s for record in seen if record != NOTHING_SENSED]
+    assert len(set(numbers)) > 10  # reads met writes; a busy machine gives the reader few turns
+    assert numbers == sorted(numbers)
+    for record in seen:
+        if record != NOTHING_SENSED:
+            k = record.finger_time_s
+            assert record == Sensed(k, k, k, True, k, k, k, k % 2 == 1)
+
+
+def test_samples_read_while_another_process_writes_are_whole_and_all_accounted_for(shared):
+    process = hammer(shared)
+    position = lost = 0
+    parts = []
+    while True:
+        ended = process.poll() is not None
+        taken = shared.ring.read(position)
+        parts.append(taken.samples)
+        lost += taken.lost
+        position = taken.position
+        if ended:
+            break
+        time.sleep(0.002)
+    process.stdout.close()
+    samples = np.concatenate(parts)
+    assert np.all(np.diff(samples["tick"].astype(np.int64)) >= 1)
+    np.testing.assert_array_equal(samples["tick"].astype(float), samples["voltage_v"])
+    np.testing.assert_array_equal(samples["tick"] % 512, samples["flags"])
+    assert len(samples) + lost == shared.ring.position
+
+
+def test_a_writer_killed_in_the_middle_leaves_the_record_before(shared):
+    reader = SharedState(shared.descriptor).order
+    shared.order.write(NO_ORDER._replace(number=1))
+    assert reader.read().number == 1
+    memory = shared.order._memory
+    memory[0] |= 1  # the sequence number of a write under way
+    memory[20] ^= 0xFF
+    assert reader.read().number == 1
+    shared.order.write(NO_ORDER._replace(number=2))
+    assert reader.read().number == 2
+
+
+def test_a_record_that_does_not_match_its_checksum_is_not_believed(shared):
+    reader = SharedState(shared.descriptor).order
+    shared.order.write(NO_ORDER._replace(number=1))
+    assert reader.read().number == 1
+    shared.order.write(NO_ORDER._replace(number=2))
+    shared.order._memory[24] ^= 1
+    assert reader.read().number == 1
+
+
+def test_the_ring_keeps_order_over_its_end_and_says_what_a_late_reader_lost(shared):
+    for number in range(RING_SAMPLES - 10):
+        shared.ring.write(made_tick(number))
+    position = shared.ring.read(0).position
+    for number in range(RING_SAMPLES - 10, RING_SAMPLES + 20):
+        shared.ring.write(made_tick(number))
+    taken = shared.ring.read(position)
+    assert taken.samples["tick"].tolist() == list(range(RING_SAMPLES - 10, RING_SAMPLES + 20))
+    assert taken.lost == 0
+    late = shared.ring.read(0)
+    assert len(late.samples) + late.lost == RING_SAMPLES + 20
+    assert late.lost == 21  # twenty overwritten, and the place that the next one will take
+    assert late.samples["tick"][-1] == RING_SAMPLES + 19
+
+
+def test_a_sample_comes_out_as_it_went_in(shared):
+    values = tuple(float(i) if SAMPLE[name].kind == "f" else i for i, name in enumerate(SAMPLE.names))
+    shared.ring.write(values)
+    assert shared.ring.read(0).samples[0].item() == values
+
+
+def test_a_target_is_taken_over_with_its_map_where_it_lies(shared):
+    rng = np.random.default_rng(1)
+    cof = 0.5 + 0.2 * rng.random((300, 500))
+    given = Placed(FrictionMap(cof, 1e-4, 2e-4), 0.01, 0.02, 0.3)
+    shared.targets.write(1, given)
+    shared.targets.write(2, Uniform(0.6))
+    found = SharedState(shared.descriptor).targets.read(1)
+    x, y = rng.random((2, 50)) * 0.05
+    np.testing.assert_array_equal(found.cof_at(x, y), given.cof_at(x, y))
+    assert not found.texture.cof.flags.owndata
+    assert shared.targets.read(2) == Uniform(0.6)
+
+
+def test_a_target_that_does_not_fit_is_refused(shared, monkeypatch):
+    monkeypatch.setattr(shared_state, "TARGET_BYTES", 100_000)
+    with pytest.raises(BadInputError, match=r"the most is 0\.1 MB") as refused:
+        shared.targets.write(1, FrictionMap(np.full((200, 200), 0.5), 1e-3, 1e-3))
+    assert refused.value.code == "texture_too_large"
+
+
+def test_the_memory_has_no_name_and_is_not_inherited(shared):
+    assert not os.get_inheritable(shared.descriptor)
+    assert not any(name.startswith("haptic") for name in os.listdir("/dev/shm"))
+    assert os.readlink(f"/proc/self/fd/{shared.descriptor}").startswith("/memfd:")

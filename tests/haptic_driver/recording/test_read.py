@@ -1,0 +1,178 @@
+"""Recordings read back and exported: `haptic_driver/recording/read.py` and `haptic export`."""
+
+import json
+import os
+import sys
+
+import h5py
+import numpy as np
+import pytest
+
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.processes.samples import SAMPLE
+from haptic_driver.recording import read as recording
+from haptic_driver.recording.event import Event
+from haptic_driver.recording.writer import Chunk, RunHeader, RunWriter
+from tests.haptic_driver.commands import rows_of
+
+HEADER = RunHeader(
+    rig="bench", simulated=True, model="reference", surface_hash="ab12", calibration_ids={}, software_version="0.1.0",
+    actuator="none", latency_budget_s={"total": 0.01}, config={"name": "bench"},
+)  # fmt: skip
+EVENTS = [Event(number=1, time_s=0.5, kind="state", message='armed, "quoted"', data={"a": 1})]
+
+
+@pytest.fixture
+def samples():
+    made = np.zeros(700, SAMPLE)
+    made["tick"] = np.arange(700) + 2**53 + 1  # more than a double can count
+    made["time_s"] = 1.0 + np.arange(700) / 3.0
+    made["measured_cof"] = np.where(np.arange(700) % 2, np.nan, 0.6)
+    return made
+
+
+@pytest.fixture
+def path(tmp_path, samples):
+    for part in (samples[:10], samples):
+        writer = RunWriter(tmp_path / "run.h5", HEADER)
+        writer.append(Chunk(part, 0, EVENTS))
+        writer.close()
+    return tmp_path / "run.h5"
+
+
+@pytest.fixture(autouse=True)
+def _small_blocks(monkeypatch):
+    monkeypatch.setattr(recording, "BLOCK_ROWS", 256)
+
+
+def test_runs_are_in_the_order_of_their_numbers(tmp_path):
+    """run_10000 once came before run_9999, and the last one was not the newest."""
+    with h5py.File(tmp_path / "many.h5", "w") as file:
+        file.attrs["format"], file.attrs["format_version"] = recording.FORMAT, recording.FORMAT_VERSION
+        for name in ("run_0001", "run_9999", "run_10000"):
+            file.create_group(name)
+    assert recording.run_names(tmp_path / "many.h5") == ["run_0001", "run_9999", "run_10000"]
+
+
+def test_rows_are_counted_of_what_is_exported(path):
+    assert (recording.row_count(path), recording.row_count(path, events=True)) == (700, 1)
+
+
+def test_csv_holds_every_number_to_the_last_bit(path, samples, tmp_path):
+    done = []
+    assert recording.export(path, tmp_path / "run.csv", progress=done.append) == 700
+    assert done == [256, 512, 700]
+    rows = rows_of(tmp_path / "run.csv")
+    assert list(rows[0]) == list(SAMPLE.names)
+    assert [int(row["tick"]) for row in rows] == samples["tick"].tolist()
+    assert [float(row["time_s"]) for row in rows] == samples["time_s"].tolist()
+    assert [row["measured_cof"] for row in rows[:3]] == ["0.6", "", "0.6"]
+
+
+def test_parquet_holds_the_same_and_where_it_comes_from(path, samples, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    assert recording.export(path, tmp_path / "run.parquet") == 700
+    read = parquet.read_table(tmp_path / "run.parquet")
+    for name in SAMPLE.names:
+        np.testing.assert_array_equal(read[name].to_numpy(), samples[name])
+    about = json.loads(read.schema.metadata[b"haptic_driver"])
+    assert about["run"] == "run_0002"
+    assert about["simulated"] is True
+    assert about["surface_hash"] == "ab12"
+
+
+def test_another_run_and_its_events(path, tmp_path):
+    assert recording.export(path, tmp_path / "first.csv", run="run_0001") == 10
+    assert recording.export(path, tmp_path / "events.csv", events=True) == 1
+    (row,) = rows_of(tmp_path / "events.csv")
+    assert row == {"number": "1", "time_s": "0.5", "kind": "state", "message": 'armed, "quoted"', "data": '{"a": 1}'}
+
+
+def test_a_run_without_samples_is_a_table_without_rows(tmp_path):
+    RunWriter(tmp_path / "run.h5", HEADER).close()
+    assert recording.export(tmp_path / "run.h5", tmp_path / "run.csv") == 0
+    assert (tmp_path / "run.csv").read_text() == ",".join(SAMPLE.names) + "\n"
+
+
+def test_nothing_is_overwritten_unless_forced(path, tmp_path):
+    out = tmp_path / "run.csv"
+    out.write_text("mine")
+    with pytest.raises(BadInputError, match="exists already"):
+        recording.export(path, out)
+    assert out.read_text() == "mine"
+    recording.export(path, out, force=True)
+    assert out.read_text().startswith("tick,")
+
+
+def test_a_failing_export_leaves_nothing(path, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(recording.os, "replace", full)
+    with pytest.raises(HapticError, match="No space left"):
+        recording.export(path, tmp_path / "run.csv")
+    assert os.listdir(tmp_path) == ["run.h5"]
+
+
+def test_a_missing_package_names_its_extra(path, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(HapticError) as missing:
+        recording.export(path, tmp_path / "run.parquet")
+    assert missing.value.hint == "Install it: pip install 'haptic-driver[parquet]'"
+    assert os.listdir(tmp_path) == ["run.h5"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "code"),
+    [
+        (lambda path: path.unlink(), "recording_not_found"),
+        (lambda path: path.write_bytes(b"no HDF5"), "recording_unreadable"),
+        (lambda path: os.truncate(path, path.stat().st_size // 2), "recording_unreadable"),
+        (lambda path: set_attribute(path, "format", "other"), "recording_foreign"),
+        (lambda path: set_attribute(path, "format_version", 9.0), "recording_version"),
+        (lambda path: remove(path, "run_0002/samples/tick"), "recording_unreadable"),
+        (lambda path: remove(path, "run_0001", "run_0002"), "no_runs"),
+    ],
+)
+def test_what_is_no_whole_recording_is_named(path, tmp_path, spoil, code):
+    spoil(path)
+    for use in (recording.read_run, lambda p: recording.export(p, tmp_path / "run.csv")):
+        with pytest.raises(BadInputError) as refused:
+            use(path)
+        assert refused.value.code == code
+        assert str(path) in refused.value.message
+        assert refused.value.hint
+
+
+def set_attribute(path, name, value):
+    with h5py.File(path, "r+") as file:
+        file.attrs[name] = value
+
+
+def remove(path, *names):
+    with h5py.File(path, "r+") as file:
+        for name in names:
+            del file[name]
+
+
+def test_the_command_says_what_it_wrote(haptic, path, tmp_path):
+    done = haptic("export", path, "--out", tmp_path / "run.csv", "--json")
+    assert done.status == 0
+    assert done.err == ""
+    assert done.said == {
+        "recording": str(path), "out": str(tmp_path / "run.csv"), "run": "run_0002", "runs": ["run_0001", "run_0002"],
+        "rows": 700,
+    }  # fmt: skip
+    assert "700 rows of run_0002" in haptic("export", path, "--out", tmp_path / "run.csv", "--force").out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [(["--out", "run.txt"], "bad_ending"), (["--out", "run.csv", "--run", "run_0009"], "no_such_run")],
+)
+def test_the_command_refuses_with_status_2(haptic, path, tmp_path, monkeypatch, arguments, code):
+    monkeypatch.chdir(tmp_path)
+    done = haptic("export", path, *arguments, "--json")
+    assert done.status == 2
+    assert done.said["error"]["code"] == code
+    assert os.listdir(tmp_path) == ["run.h5"]

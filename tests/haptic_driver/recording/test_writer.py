@@ -1,0 +1,276 @@
+"""What a recording holds, and that neither a kill nor a full disk makes it unreadable."""
+
+import json
+import os
+import resource
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.processes.samples import SAMPLE
+from haptic_driver.processes.shared_memory import RING_SAMPLES
+from haptic_driver.recording.event import Event
+from haptic_driver.recording.process import Recorder
+from haptic_driver.recording.read import read_run, run_names
+from haptic_driver.recording.writer import Chunk, RunHeader, RunWriter, hidden_copy
+from tests.haptic_driver.daemon.ticks import made_tick
+from tests.waiting import HANG_S, until
+
+VICTIM = Path(__file__).with_name("recording_victim.py")
+CONFIG = {"name": "bench 3", "limits": {"voltage_v": 120.0, "frequency_hz": [1.0, 1e6]}}
+
+
+@pytest.fixture
+def header():
+    return RunHeader(
+        rig="bench 3", simulated=True, model="reference", surface_hash="0123abcd",
+        calibration_ids={"force_sensor": "FT12345 2024-03-01"}, software_version="0.1.0",
+        actuator="setpoints over SCPI", latency_budget_s={"sensor": 0.004, "total": 0.01}, config=CONFIG,
+        started_s=1234.5, started_at="2024-05-06T07:08:09+00:00",
+    )  # fmt: skip
+
+
+@pytest.fixture
+def samples(rng):
+    made = np.zeros(1700, SAMPLE)
+    for name in SAMPLE.names:
+        values = rng.integers(0, 200, made.size) if SAMPLE[name].kind == "u" else rng.normal(size=made.size)
+        made[name] = values
+    made["target_cof"][::7] = np.nan
+    return made
+
+
+EVENTS = [
+    Event(number=4, time_s=1235.0, kind="state", message="armed – lease 0.5 s"),
+    Event(number=5, time_s=1235.5, kind="target", message="friction 0.6", data={"cof": 0.6, "who": ["a", None]}),
+]
+
+
+def record(path, header, *chunks):
+    writer = RunWriter(path, header)
+    for chunk in chunks:
+        writer.append(chunk)
+    writer.close()
+
+
+def plain(path, name):
+    with h5py.File(path, "r") as file:
+        return file[name][...]
+
+
+def test_every_field_and_event_comes_back(tmp_path, header, samples):
+    path = tmp_path / "run.h5"
+    pieces = [Chunk(samples[:500], 0, EVENTS[:1]), Chunk(samples[500:501], 3, []), Chunk(samples[501:], 4, EVENTS[1:])]
+    record(path, header, *pieces)
+    with h5py.File(path, "r") as file:  # by h5py alone
+        assert list(file) == ["run_0001"]
+        run = file["run_0001"]
+        for name in SAMPLE.names:
+            np.testing.assert_array_equal(run["samples"][name][...], samples[name])
+            assert run["samples"][name].dtype == SAMPLE[name]
+        assert run["events/message"].asstr()[...].tolist() == ["armed – lease 0.5 s", "friction 0.6"]
+        assert json.loads(run["events/data"].asstr()[1]) == {"cof": 0.6, "who": ["a", None]}
+        assert json.loads(run["config"].asstr()[()]) == CONFIG
+        assert dict(run.attrs) == {
+            "rig": "bench 3", "simulated": 1.0, "model": "reference", "surface_hash": "0123abcd",
+            "calibration_ids": '{"force_sensor": "FT12345 2024-03-01"}', "software_version": "0.1.0",
+            "actuator": "setpoints over SCPI", "latency_budget_s": '{"sensor": 0.004, "total": 0.01}',
+            "started_s": 1234.5, "started_at": "2024-05-06T07:08:09+00:00", "samples_lost": 7.0, "complete": 1.0,
+        }  # fmt: skip
+    read = read_run(path)
+    assert read.samples.tobytes() == samples.tobytes()
+    assert read.events == EVENTS
+    assert read.config == CONFIG
+    assert read.attributes["calibration_ids"] == {"force_sensor": "FT12345 2024-03-01"}
+    assert read.attributes["complete"] is True
+
+
+def test_no_attribute_is_an_integer(tmp_path, header, samples):
+    record(tmp_path / "run.h5", header, Chunk(samples, 0, EVENTS))
+    attributes = {}
+    with h5py.File(tmp_path / "run.h5", "r") as file:
+        attributes |= dict(file.attrs)
+        file.visititems(lambda name, item: attributes.update({f"{name}.{k}": v for k, v in item.attrs.items()}))
+    assert len(attributes) == 14
+    assert {type(value) for value in attributes.values()} == {str, np.float64}
+
+
+def test_only_its_owner_may_read_it_and_nothing_is_left_beside_it(tmp_path, header, samples):
+    path = tmp_path / "deep" / "run.h5"
+    record(path, header, Chunk(samples, 0, []))
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert os.listdir(path.parent) == ["run.h5"]
+
+
+def test_another_run_is_added_to_a_recording(tmp_path, header, samples):
+    path = tmp_path / "run.h5"
+    record(path, header, Chunk(samples[:100], 0, EVENTS))
+    record(path, header, Chunk(samples[100:300], 0, []))
+    assert run_names(path) == ["run_0001", "run_0002"]
+    assert read_run(path, "run_0001").samples.tobytes() == samples[:100].tobytes()
+    assert read_run(path).samples.tobytes() == samples[100:300].tobytes()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+
+
+def test_the_visible_file_is_whole_after_every_piece(tmp_path, header, samples):
+    path = tmp_path / "run.h5"
+    writer = RunWriter(path, header)
+    assert plain(path, "run_0001/samples/tick").size == 0
+    for stop in range(400, 1700, 400):
+        writer.append(Chunk(samples[stop - 400 : stop], 0, []))
+        copy = shutil.copy(path, tmp_path / "copy.h5")
+        np.testing.assert_array_equal(plain(copy, "run_0001/samples/time_s"), samples["time_s"][:stop])
+        assert read_run(path).attributes["complete"] is False
+    writer.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "code"), [("run.csv", "bad_ending"), ("run", "bad_ending"), ("foreign.h5", "recording_foreign"),
+                       ("text.h5", "recording_unreadable")],
+)  # fmt: skip
+def test_what_is_no_recording_is_not_touched(tmp_path, header, name, code):
+    with h5py.File(tmp_path / "foreign.h5", "w") as file:
+        file["mine"] = 1.0
+    (tmp_path / "text.h5").write_text("not HDF5")
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    with pytest.raises(BadInputError) as refused:
+        RunWriter(tmp_path / name, header)
+    assert refused.value.code == code
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+
+
+def test_a_relative_path_and_an_impossible_place_are_refused(tmp_path, header):
+    with pytest.raises(BadInputError, match="another folder"):
+        RunWriter(Path("run.h5"), header)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadInputError, match="cannot be written"):
+        RunWriter(tmp_path / "file" / "run.h5", header)
+
+
+def kill_while_it_writes(path, delay_s):
+    """Samples that the victim had reported when it was killed; none before it has reported once."""
+    victim = subprocess.Popen([sys.executable, str(VICTIM), str(path)], stdout=subprocess.PIPE, text=True)
+    with victim:
+        reported = victim.stdout.readline()
+        time.sleep(delay_s)
+        victim.send_signal(signal.SIGKILL)
+        for line in victim.stdout:  # what was in the pipe
+            reported = line if line.endswith("\n") else reported
+        assert victim.wait(HANG_S) == -signal.SIGKILL
+    return int(reported)
+
+
+def check_survived(path, reported):
+    with h5py.File(path, "r") as file:
+        run = file[sorted(file)[-1]]
+        columns = {name: dataset[...] for name, dataset in run["samples"].items()}
+        numbers = run["events/number"][...]
+    count = columns["tick"].size
+    assert reported <= count <= reported + 500
+    np.testing.assert_array_equal(columns["tick"], np.arange(count))
+    np.testing.assert_array_equal(columns["position_x_m"], np.arange(count) * 1e-6)
+    assert {column.size for column in columns.values()} == {count}
+    np.testing.assert_array_equal(numbers, np.arange(1, count // 500 + 1))
+
+
+def test_a_recording_survives_kill_9_at_any_moment(tmp_path, rng):
+    path = tmp_path / "run.h5"
+    for i in range(10):
+        reported = kill_while_it_writes(path, rng.uniform(0.0, 0.12))
+        check_survived(path, reported)
+        assert run_names(path) == [f"run_{n + 1:04d}" for n in range(i + 1)]
+
+
+@pytest.mark.soak
+def test_a_recording_survives_200_kills(tmp_path, rng):
+    for i in range(200):
+        check_survived(tmp_path / f"{i}.h5", kill_while_it_writes(tmp_path / f"{i}.h5", rng.uniform(0.0, 0.2)))
+
+
+def tell_ticks(shared, first, count):
+    for tick in range(first, first + count):
+        shared.ring.write(made_tick(tick))
+
+
+def await_samples(path, count):
+    return until(lambda: (run := read_run(path)).samples.size >= count and run)
+
+
+def test_the_process_records_the_ring_from_now_on_and_events(tmp_path, shared, header):
+    tell_ticks(shared, 0, 50)
+    recorder = Recorder(tmp_path / "run.h5", header, shared)
+    tell_ticks(shared, 50, 100)
+    recorder.note(EVENTS[0])
+    assert await_samples(tmp_path / "run.h5", 100).attributes["complete"] is False
+    assert recorder.ended() is None
+    tell_ticks(shared, 150, 10)
+    recorder.note(EVENTS[1])
+    assert recorder.stop() is None
+    run = read_run(tmp_path / "run.h5")
+    assert run.samples["tick"].tolist() == list(range(50, 160))
+    assert run.events == EVENTS
+    assert run.attributes["complete"] is True
+    assert os.listdir(tmp_path) == ["run.h5"]
+
+
+def test_samples_that_came_too_fast_are_counted(tmp_path, shared, header):
+    recorder = Recorder(tmp_path / "run.h5", header, shared)
+    os.kill(recorder.pid, signal.SIGSTOP)
+    tell_ticks(shared, 0, RING_SAMPLES + 999)
+    os.kill(recorder.pid, signal.SIGCONT)
+    assert recorder.stop() is None
+    run = read_run(tmp_path / "run.h5")
+    assert run.attributes["samples_lost"] == 1000  # one place of the ring is the writer's
+    assert run.samples["tick"].tolist() == list(range(1000, RING_SAMPLES + 999))
+
+
+def test_a_killed_recorder_is_noticed_and_its_file_is_readable(tmp_path, shared, header):
+    recorder = Recorder(tmp_path / "run.h5", header, shared)
+    tell_ticks(shared, 0, 10)
+    await_samples(tmp_path / "run.h5", 10)
+    assert hidden_copy(tmp_path / "run.h5").exists()
+    os.kill(recorder.pid, signal.SIGKILL)
+    assert "recorder died" in until(recorder.ended)
+    assert read_run(tmp_path / "run.h5").samples["tick"].tolist() == list(range(10))
+    assert os.listdir(tmp_path) == ["run.h5"]
+
+
+def test_a_full_disk_ends_the_recording_and_keeps_what_there_was(tmp_path, shared, header):
+    recorder = Recorder(tmp_path / "run.h5", header, shared)
+    tell_ticks(shared, 0, 20)
+    await_samples(tmp_path / "run.h5", 20)
+    size = hidden_copy(tmp_path / "run.h5").stat().st_size
+    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (size, size))  # no file may grow any more
+    tell_ticks(shared, 20, 10_000)
+    why = until(recorder.ended)
+    assert "recording stopped" in why
+    assert "Make room on the disk" in why
+    assert ".behind" not in why
+    assert read_run(tmp_path / "run.h5").samples["tick"].tolist() == list(range(20))
+    assert os.listdir(tmp_path) == ["run.h5"]
+
+
+def test_the_process_refuses_like_the_writer(tmp_path, shared, header):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadInputError, match="cannot be written") as refused:
+        Recorder(tmp_path / "file" / "run.h5", header, shared)
+    assert refused.value.code == "recording_not_made"
+
+
+def test_a_run_ends_in_good_order_when_control_is_gone(tmp_path, shared, header):
+    recorder = Recorder(tmp_path / "run.h5", header, shared)
+    tell_ticks(shared, 0, 30)
+    recorder._talk.close()  # as the end of its process does
+    until(lambda: recorder._child.ended)
+    assert read_run(tmp_path / "run.h5").samples["tick"].tolist() == list(range(30))
+    assert read_run(tmp_path / "run.h5").attributes["complete"] is True
+    recorder._child.stop()

@@ -1,0 +1,148 @@
+"""What a rig's file may say of real devices: contradictions, nearest keys inside variants, and what keeps it off."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.rig.config import NiForceSensorConfig, load_rig
+from tests.haptic_driver.config_texts import CONFIGS, SIMULATED, changed
+
+RIGS = CONFIGS / "rigs"
+TEMPLATE = (RIGS / "template.toml").read_text(encoding="utf-8")
+VOUCHED = 'measured_by = "A. Student"\nmeasured_at = 2025-06-01'
+
+
+def rig_file(tmp_path, *changes, content=TEMPLATE):
+    path = tmp_path / "bench.toml"
+    path.write_text(changed(content, *changes), encoding="utf-8")
+    return str(path)
+
+
+def refused(path):
+    with pytest.raises(BadInputError) as error:
+        load_rig(path)
+    assert error.value.code in ("bad_config", "unknown_key")
+    return error.value
+
+
+def test_the_template_holds_every_key_but_those_of_other_variants():
+    """A key that is added to the file's description has to be explained in the template."""
+    said = tomllib.loads(TEMPLATE)
+    config = load_rig("template")
+    for name, section in config:
+        if not hasattr(type(section), "model_fields"):
+            continue
+        explained = {key for key in type(section).model_fields if f"{key} = " in TEMPLATE or f"{key}." in TEMPLATE}
+        explained |= {"model", "hide"} if name == "simulation" else set()  # of a simulation, told in its own files
+        assert set(type(section).model_fields) - explained - {"modulation_input"} == set(), name
+        assert set(said.get(name, {})) <= set(type(section).model_fields)
+
+
+@pytest.mark.parametrize("name", ["paper", "template"])
+def test_shipped_rigs_of_hardware_stay_off_until_somebody_measured(name):
+    assert "limits.measured_by and measured_at" in load_rig(name).unverified
+    assert "amplifier.measured_by and measured_at" in load_rig(name).unverified
+
+
+def test_filled_in_nothing_is_left_open(tmp_path):
+    content = TEMPLATE.replace('measured_by = ""', VOUCHED)
+    assert load_rig(rig_file(tmp_path, content=content)).unverified == []
+
+
+@pytest.mark.parametrize(
+    "half", ['measured_by = "A. Student"', "measured_at = 2025-06-01", VOUCHED.replace("A. Student", " ")]
+)
+def test_half_a_voucher_is_none(tmp_path, half):
+    content = TEMPLATE.replace('measured_by = ""', half)
+    assert len(load_rig(rig_file(tmp_path, content=content)).unverified) == 4
+
+
+def test_no_word_about_a_watchdog_keeps_a_rig_off(tmp_path):
+    section = TEMPLATE[TEMPLATE.index("[watchdog]") : TEMPLATE.index("[force_sensor]")]
+    assert any("watchdog" in what for what in load_rig(rig_file(tmp_path, (section, ""))).unverified)
+    plainly = rig_file(tmp_path, (section, '[watchdog]\ngenerator = "none"\n'))
+    assert not any("watchdog" in what for what in load_rig(plainly).unverified)
+
+
+RESOURCE = 'resource = "TCPIP::192.168.0.5::5025::SOCKET"'
+WATCHDOG = 'generator = "TCPIP::192.168.0.5::5025::SOCKET"'
+USB = "USB0::0x0957::0x0407::MY44000001::0::INSTR"
+
+
+@pytest.mark.parametrize("resource", [USB, "ASRL/dev/ttyUSB7::INSTR", "GPIB0::10::INSTR", "/dev/ttyUSB7"])
+def test_a_connection_that_the_driver_holds_is_refused_to_the_watchdog(tmp_path, resource):
+    shared = rig_file(tmp_path, (RESOURCE, f'resource = "{resource}"'), (WATCHDOG, f'generator = "{resource}"'))
+    assert "connection of its own" in refused(shared).message
+    own = rig_file(tmp_path, (RESOURCE, f'resource = "{resource}"'))
+    assert load_rig(own).waveform_generator.resource == resource
+
+
+def test_the_interlocks_port_is_not_the_watchdogs(tmp_path):
+    old = '# interlock = "TCPIP::192.168.0.6::4000::SOCKET"'
+    error = refused(rig_file(tmp_path, (old, 'interlock = "/dev/ttyUSB0"')))
+    assert "watchdog.interlock: /dev/ttyUSB0 is held by the driver" in error.message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("period_s = 0.5", "period_s = 0.4", "watchdog.period_s 0.4 is below safety.lease_s 0.5"),
+        ("zero_level_v = -5.0", "zero_level_v = 0.0", "at 0 V the amplitude is half"),
+        ("zero_level_v = -5.0", "zero_level_v = -6.0", "low_v <= zero_level_v"),
+        ("monitor_window_s = 0.02", "monitor_window_s = 0.002", "would miss the peak"),
+        ("monitor_window_s = 0.02", "monitor_window_s = 0.2", "not below safety.settle_s"),
+        ("[[1e-5, 0.0, 0.0], [0.0, 1e-5, 0.0]]", "[[1e-5, 0.0], [0.0, 1e-5]]", "finger_tracker.matrix_m"),
+        ("voltage_v = 100.0", "voltage_v = 800.0", "above amplifier.voltage_limit_v"),
+        (RESOURCE, 'resource = "TCPIP::192.168.0.5::5025::SOKET"', "TCPIP::host::port::SOCKET"),
+        (RESOURCE, 'resource = "simulated"', "disagree about whether this rig is simulated"),
+        ('kind = "net_ft"', 'kind = "simulated"', "force_sensor"),
+        ('kind = "net_ft"', 'kind = "netft"', "force_sensor.kind is 'netft'"),
+        ('kind = "evdev" ', 'kind = "evdv" ', "finger_tracker.kind is 'evdv'"),
+        ('kind = "evdev" ', "", "finger_tracker.kind is missing"),
+        ('host = "192.168.1.1"', "", "force_sensor.host is missing"),
+        ("port = 49152", "port = 70000", "force_sensor.port"),
+        ('normal_axis = "-z"', 'normal_axis = "up"', "force_sensor.normal_axis"),
+        ("lease_s = 0.5  ", "lease_s = 0.0  ", "safety.lease_s"),
+        ('range_policy = "fixed"', 'range_policy = "best"', "waveform_generator.range_policy"),
+        ("measured_by = ", "measured_at = 2025\nmeasured_by = ", "limits.measured_at"),
+    ],
+)
+def test_what_cannot_be_is_named(tmp_path, old, new, words):
+    error = refused(rig_file(tmp_path, (old, new)))
+    assert words in error.message
+    assert error.hint
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "offered"),
+    [
+        ("counts_per_n = ", "count_per_n = ", "force_sensor.count_per_n", "counts_per_n"),
+        ("matrix_m = ", "matix_m = ", "finger_tracker.matix_m", "matrix_m"),
+        ("monitor_tolerance_v = ", "monitr_tolerance_v = ", "safety.monitr_tolerance_v", "monitor_tolerance_v"),
+        ("full_scale_v = ", "fullscale_v = ", "waveform_generator.modulation_input.fullscale_v", "full_scale_v"),
+        ("[watchdog]", "[watchdgo]", "watchdgo", "watchdog"),
+        ("reply_timeout_s = 0.05 ", "replytimeout_s = 0.05 ", "interlock.replytimeout_s", "reply_timeout_s"),
+    ],
+)
+def test_an_unknown_key_is_named_with_the_nearest_also_inside_variants(tmp_path, old, new, key, offered):
+    error = refused(rig_file(tmp_path, (old, new)))
+    assert f"unknown key '{key}'" in error.message
+    assert f"'{offered}'" in error.hint
+
+
+def test_a_channel_without_a_card_is_refused(tmp_path):
+    section = TEMPLATE[TEMPLATE.index("[analog_inputs]") : TEMPLATE.index("[interlock]")]
+    assert "no section [analog_inputs]" in refused(rig_file(tmp_path, (section, ""))).message
+
+
+def test_the_calibration_file_is_looked_for_beside_the_rigs_file():
+    sensor = load_rig("paper").force_sensor
+    assert isinstance(sensor, NiForceSensorConfig)
+    assert Path(sensor.calibration_file).resolve() == RIGS / "mini40.cal"
+
+
+def test_a_simulated_rig_has_no_real_devices(tmp_path):
+    content = SIMULATED + '[watchdog]\ngenerator = "TCPIP::h::1::SOCKET"\n'
+    assert "watchdog: a simulated rig has no such real device" in refused(rig_file(tmp_path, content=content)).message

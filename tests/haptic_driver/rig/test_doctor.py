@@ -1,0 +1,210 @@
+"""The doctor asks only questions, and says what it could not verify."""
+
+import datetime
+import json
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.rig import config as rig_config_module
+from haptic_driver.rig import devices, doctor
+from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.doctor import Status, examine
+from haptic_driver.simulation.served import ServedRig, as_real
+from hw.errors import DeviceError
+from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.serving.tcp import TcpServer
+from tests.haptic_driver.stand_ins import Heard
+
+PAPER = Path(__file__).parents[3] / "configs" / "rigs" / "paper.toml"
+TODAY = datetime.date(2024, 6, 1)
+SETTINGS = b"FUNC?;FREQ?;VOLT?;VOLT:OFFS?;VOLT:UNIT?;OUTP?;OUTP:LOAD?;AM:STAT?;SYST:ERR?\n"
+
+
+@pytest.fixture
+def served(rig_config, touch):
+    with ServedRig(rig_config, touch) as rig:
+        yield rig
+
+
+def found(checks, name):
+    (check,) = [check for check in checks if check.name == name]
+    return check
+
+
+def statuses(checks):
+    return {(check.name, check.status) for check in checks}
+
+
+def with_generator(config, resource):
+    generator = config.waveform_generator.model_copy(update={"resource": resource, "reply_timeout_s": 0.2})
+    watchdog = config.watchdog.model_copy(update={"generator": resource})
+    return config.model_copy(update={"waveform_generator": generator, "watchdog": watchdog})
+
+
+def test_nothing_is_set_and_nothing_comes_on(rig_config, served):
+    """Whatever is programmed stays; not one message to the generator is anything but a question."""
+    served.generator.handle(b"FUNC SQU;FREQ 777;VOLT 3.3;VOLT:OFFS 0.5;BOGUS\n")
+    generator = Heard(served.generator)
+    before = Simulated33220A()  # the same, to compare with
+    before.handle(b"FUNC SQU;FREQ 777;VOLT 3.3;VOLT:OFFS 0.5;BOGUS\n")
+    with TcpServer(generator) as server:
+        checks = examine(with_generator(as_real(rig_config, served.endpoints), server.resource), TODAY)
+    assert generator.messages
+    assert all(m.strip().endswith("?") and ";" not in m and " " not in m.strip() for m in generator.messages)
+    assert served.generator.handle(SETTINGS) == before.handle(SETTINGS)  # the error queue too
+    assert not served.generator.output().on
+    assert served.amplifier.max_voltage_v == 0.0
+    assert not served.interlock.closed
+    assert not served.stage.moving
+    assert found(checks, "output").status is Status.OK
+    assert "SQU, 3.3 VPP, offset 0.5 V" in found(checks, "output").message
+
+
+def test_a_sound_rig(rig_config, served):
+    checks = examine(as_real(rig_config, served.endpoints), TODAY)
+    assert {
+        ("waveform generator", Status.OK), ("watchdog", Status.OK), ("interlock", Status.OK),
+        ("force sensor", Status.OK), ("stage", Status.OK), ("amplifier", Status.NOT_VERIFIED),
+        ("voltage monitor", Status.NOT_VERIFIED), ("limits figures", Status.OK), ("load setting", Status.WARNING),
+        ("firmware", Status.NOT_VERIFIED),
+    } <= statuses(checks)  # fmt: skip
+    assert Status.FAILED not in {check.status for check in checks}
+    assert "2.02-2.02-22-2" in found(checks, "firmware").message
+
+
+def test_what_somebody_left_on_is_told(rig_config, served):
+    served.generator.handle(b"OUTP:LOAD INF;:OUTP 1\n")
+    checks = examine(as_real(rig_config, served.endpoints), TODAY)
+    assert found(checks, "output").status is Status.WARNING
+    assert found(checks, "load setting").status is Status.OK
+    assert served.generator.handle(b"OUTP?\n") == b"1\n"  # it is somebody else's
+
+
+class Stranger:
+    def handle(self, data):
+        return b"ACME,4711,1,1\n"
+
+
+def test_another_instrument_at_the_address_fails(rig_config, served):
+    with TcpServer(Stranger()) as server:
+        checks = examine(with_generator(as_real(rig_config, served.endpoints), server.resource), TODAY)
+    check = found(checks, "waveform generator")
+    assert check.status is Status.FAILED
+    assert "ACME" in check.message
+    assert check.hint
+
+
+class Mute:
+    def handle(self, data):
+        return b""
+
+
+def test_an_absent_rig_fails_device_by_device_with_hints(rig_config, touch):
+    """Every device is asked, whatever the others say."""
+    with ServedRig(rig_config, touch) as served:
+        config = as_real(rig_config, served.endpoints)
+    checks = examine(config, TODAY)
+    failed = {check.name for check in checks if check.status is Status.FAILED}
+    assert {"waveform generator", "interlock", "force sensor", "stage"} <= failed
+    assert all(check.hint for check in checks if check.status is Status.FAILED)
+
+
+def test_a_silent_instrument_does_not_hold_it_up(rig_config, served):
+    with TcpServer(Mute()) as server:
+        config = with_generator(as_real(rig_config, served.endpoints), server.resource)
+        checks = examine(config, TODAY)
+    assert found(checks, "waveform generator").status is Status.FAILED
+    assert found(checks, "stage").status is Status.OK
+
+
+@pytest.mark.parametrize(
+    ("today", "status"),
+    [
+        (datetime.date(2024, 1, 1), Status.OK),
+        (datetime.date(2024, 12, 31), Status.OK),
+        (datetime.date(2025, 1, 2), Status.WARNING),
+        (datetime.date(2023, 12, 31), Status.WARNING),
+    ],
+)
+def test_figures_age_in_a_year_and_are_not_of_the_future(rig_config, today, status):
+    checks = list(doctor._figures(rig_config, today))  # measured 2024-01-01
+    assert [check.status for check in checks] == [status, status]
+
+
+def test_the_monitor_is_read_in_the_range_of_the_rigs_file(monkeypatch):
+    """It was once read in the card's widest range, whatever the file said."""
+    asked = []
+
+    class Absent:
+        def __init__(self, channels, **how):
+            asked.append((channels, how))
+
+        def open(self):
+            raise DeviceError("no such card", "look at it")
+
+        def close(self):
+            asked.append("closed")
+
+    monkeypatch.setattr(devices, "NiAnalogInputs", Absent)
+    config = load_rig("paper")
+    card = rig_config_module.AnalogInputsConfig(sample_rate_hz=20e3, range_v=5.0, terminal="RSE", timeout_s=0.3)
+    amplifier = config.amplifier.model_copy(update={"voltage_monitor": "Dev1/ai6"})
+    (check,) = doctor._monitors(config.model_copy(update={"analog_inputs": card, "amplifier": amplifier}))
+    assert check == ("voltage monitor", Status.FAILED, "no such card", "look at it")
+    (channels, how), closed = asked
+    assert channels == ["Dev1/ai6"]
+    assert (how["range_v"], how["terminal"], how["timeout_s"]) == (5.0, "RSE", 0.3)
+    assert closed == "closed"
+
+
+@pytest.mark.parametrize(
+    ("changed", "status", "said"),
+    [
+        ({}, Status.WARNING, "a placeholder"),
+        ({"placeholder": False}, Status.OK, "measured on"),
+        ({"placeholder": False, "measured_at": datetime.date(2020, 1, 1)}, Status.WARNING, "days ago"),
+        ({"matrix_m": [[0.0] * 3] * 2}, Status.FAILED, "finger_tracker.matrix_m"),
+    ],
+)
+def test_a_touch_screen_that_is_not_calibrated_names_the_command_that_does_it(changed, status, said):
+    """A matrix of zeros once ended the doctor with a traceback."""
+    config = load_rig("template")
+    screen = config.finger_tracker.model_copy(update={"measured_at": TODAY, "device": "/dev/null"} | changed)
+    checks = list(doctor._finger_tracker(config.model_copy(update={"finger_tracker": screen}), TODAY))
+    check = found(checks, "touch calibration")
+    assert check.status is status
+    assert said in check.message
+    assert ("haptic calibrate-touch" in check.hint) == (status is not Status.OK)
+    assert found(checks, "touch screen").status is Status.FAILED  # /dev/null is none
+
+
+def test_only_questions_can_be_asked():
+    with pytest.raises(ValueError, match="no question"):
+        doctor._ask(None, "OUTP 1", 1.0)
+    with pytest.raises(ValueError, match="no question"):
+        doctor._ask(None, "OUTP 1;:OUTP?", 1.0)
+
+
+def test_the_command_on_the_simulated_rig(haptic):
+    done = haptic("doctor", "--rig", "simulated", "--json")
+    assert done.status == 0
+    said = json.loads(done.out)
+    assert said["rig"] == "simulated"
+    assert said["simulated"] is True
+    assert said["ok"] is True
+    assert {check["status"] for check in said["checks"]} <= {"ok", "warning", "failed", "not verified"}
+    assert all(set(check) == {"name", "status", "message", "hint"} for check in said["checks"])
+
+
+def test_the_command_on_a_rig_that_is_not_there(haptic, tmp_path):
+    """The paper's rig with addresses of this machine where nothing listens."""
+    text = PAPER.read_text(encoding="utf-8").replace("192.168.0.5::5025", "127.0.0.1::9")
+    (tmp_path / "away.toml").write_text(text, encoding="utf-8")
+    done = haptic("doctor", "--rig", tmp_path / "away.toml", "--json")
+    assert done.status == 1
+    said = json.loads(done.out)
+    assert said["ok"] is False
+    failed = [check for check in said["checks"] if check["status"] == "failed"]
+    assert any("limits.measured_by" in check["message"] for check in failed)
+    assert {"waveform generator", "force sensor", "stage"} <= {check["name"] for check in failed}

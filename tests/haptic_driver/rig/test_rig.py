@@ -1,0 +1,540 @@
+"""The rig as drivers see it: when set points are sent, when it switches off, and what it claims to know then."""
+
+import math
+import threading
+import time
+
+import pytest
+
+from haptic_driver.errors import HapticError
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.rig import OffEvidence, RigState, SafetySettings, build_rig
+from haptic_driver.signals import DriveCommand
+from hw.amplifier.analog import AmplifierState
+from hw.amplifier.simulated import SimulatedAmplifier
+from hw.errors import DeviceTimeout
+from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.safety.interlock import HeartbeatInterlock
+from hw.safety.simulated_interlock import SimulatedInterlock
+from hw.testing.faulty_instrument import Fault, FaultyInstrument
+from hw.testing.memory import MemoryTransport
+from tests.clock import ManualClock
+from tests.haptic_driver.stand_ins import BreakableSensor, Heard
+from tests.hw.instruments import IMMEDIATE
+
+OFF = DriveCommand(250.0, 0.0, False)
+
+
+def on(voltage_v, frequency_hz=250.0):
+    return DriveCommand(frequency_hz, voltage_v, True)
+
+
+class Monitor:
+    """The voltage monitor, which can be made to lie."""
+
+    lie_v = None
+
+    def __init__(self, amplifier):
+        self.amplifier = amplifier
+
+    def read_v(self):
+        return self.amplifier.read_v() if self.lie_v is None else self.lie_v
+
+
+class Heart:
+    """Counts beats; dies when told to."""
+
+    def __init__(self):
+        self.beats = self.rests = 0
+        self.dead = False
+
+    def beat(self):
+        if self.dead:
+            raise DeviceTimeout("watchdog: it has ended", "start it again")
+        self.beats += 1
+
+    def rest(self):
+        self.rests += 1
+
+
+class Bench:
+    """A rig on a generator in memory; settings reach the terminals at once."""
+
+    def __init__(self, config, enable=True, monitor=True, **options):
+        self.amplifier = SimulatedAmplifier(100.0, 700.0, enabled=not enable)
+        self.generator = Simulated33220A(IMMEDIATE, listener=self.amplifier.drive)
+        self.faults = FaultyInstrument(self.generator)
+        self.wire = Heard(self.faults)
+        self.sensor = BreakableSensor()
+        line = self.amplifier if enable else None
+        self.monitor = Monitor(self.amplifier)
+        self.rig = build_rig(
+            config,
+            MemoryTransport(self.wire),
+            self.sensor,
+            line,
+            self.monitor if monitor else None,
+            current_monitor=self.amplifier.current_monitor,
+            fault=self.amplifier.fault_line,
+            **options,
+        )
+        self.rig.connect()
+        self.wire.take()
+
+    @property
+    def voltage_v(self):
+        return self.amplifier.drive(self.generator.output())
+
+
+@pytest.fixture
+def bench(rig_config: RigConfig):
+    return Bench(rig_config)
+
+
+# --- commands --------------------------------------------------------------------------------------------------
+
+
+def test_connecting_leaves_everything_off(bench):
+    assert bench.voltage_v == 0.0
+    assert bench.amplifier.read() is False
+    assert bench.generator.output().on is False
+
+
+def test_a_command_brings_its_peak_voltage_and_frequency_to_the_electrode(bench):
+    bench.rig.command(0.0, on(87.5, 333.0))
+    assert bench.voltage_v == pytest.approx(87.5, rel=1e-3)  # the generator's amplitude tolerance
+    assert bench.generator.output().frequency_hz == pytest.approx(333.0, rel=1e-9)
+    assert bench.amplifier.read() is True
+
+
+def test_set_points_are_coalesced_to_the_newest_of_each_interval(bench):
+    seen = []
+    for tick in range(101):
+        bench.rig.command(1e-3 * tick, on(50.0 + 0.1 * tick))
+        seen.append(bench.voltage_v)
+    amplitudes = [m for m in bench.wire.take() if "VOLT 0" in m or "VOLT 1" in m]
+    assert len(amplitudes) == 11  # 100 ms at 10 ms, and the first at once
+    assert seen[0] == pytest.approx(50.0, rel=1e-3)
+    assert seen[9] == seen[0]
+    assert seen[10] == pytest.approx(51.0, rel=1e-3)
+    assert seen[100] == pytest.approx(60.0, rel=1e-3)
+
+
+def test_off_never_waits_for_the_interval(bench):
+    bench.rig.command(0.000, on(50.0))
+    bench.rig.command(0.001, OFF)
+    assert bench.voltage_v == 0.0
+    assert bench.generator.output().on is False
+    assert bench.amplifier.read() is False
+
+
+def test_on_again_never_waits_either_and_never_shows_the_old_voltage(bench):
+    bench.rig.command(0.000, on(120.0))
+    bench.rig.command(0.001, OFF)
+    bench.rig.command(0.002, on(30.0))
+    assert bench.voltage_v == pytest.approx(30.0, rel=1e-3)
+
+
+def test_an_off_rig_that_is_told_off_says_nothing(bench):
+    bench.rig.command(0.0, OFF)
+    bench.rig.command(1.0, OFF)
+    assert bench.wire.take() == []
+
+
+@pytest.mark.parametrize("voltage_v", [0.99, 0.01, 1e-12, 0.0])
+def test_below_the_generators_minimum_is_off(bench, voltage_v):
+    """10 mV peak is the least the generator makes: 1 V at the electrode."""
+    bench.rig.command(0.000, on(50.0))
+    bench.rig.command(0.001, on(voltage_v))
+    assert bench.voltage_v == 0.0
+    bench.rig.command(0.050, on(voltage_v))
+    assert bench.generator.output().on is False
+    bench.rig.command(0.060, on(1.001))
+    assert bench.voltage_v == pytest.approx(1.001, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "command", [on(150.1), on(math.nan), on(math.inf), on(50.0, 2e6), on(50.0, 0.5), on(50.0, math.nan), on(50.0, 1e6)]
+)  # the last: 1 nF of panel draws 0.31 A, the amplifier gives 0.1 A
+def test_a_command_beyond_the_limits_switches_off_and_raises(bench, command):
+    bench.rig.command(0.0, on(50.0))
+    with pytest.raises(HapticError) as refused:
+        bench.rig.command(0.1, command)
+    assert refused.value.code == "limit_exceeded"
+    assert refused.value.hint
+    assert bench.voltage_v == 0.0
+    assert bench.amplifier.max_voltage_v <= 50.1
+
+
+def test_a_dead_force_sensor_switches_off(bench):
+    bench.rig.command(0.0, on(50.0))
+    bench.sensor.broken = True
+    with pytest.raises(HapticError) as failed:
+        bench.rig.read_force()
+    assert failed.value.code == "device_timeout"
+    assert "sensor did not answer" in failed.value.message
+    assert "generator says off, amplifier disabled" in failed.value.message
+    assert bench.voltage_v == 0.0
+
+
+# --- evidence --------------------------------------------------------------------------------------------------
+
+ENABLED, DISABLED, UNKNOWN = AmplifierState.ENABLED, AmplifierState.DISABLED, AmplifierState.UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("generator_off", "amplifier", "output_on"),
+    [
+        (True, DISABLED, False),
+        (True, UNKNOWN, False),
+        (True, ENABLED, False),
+        (False, DISABLED, False),
+        (None, DISABLED, False),
+        (None, UNKNOWN, None),
+        (None, ENABLED, None),
+        (False, UNKNOWN, True),
+        (False, ENABLED, True),
+    ],
+)
+def test_off_is_claimed_only_with_evidence(generator_off, amplifier, output_on):
+    assert OffEvidence(generator_off, amplifier, None).output_on is output_on
+
+
+def test_evidence_in_words():
+    assert str(OffEvidence(None, UNKNOWN, None)) == "generator does not answer, amplifier unknown, no monitor"
+    assert str(OffEvidence(False, ENABLED, 87.66)) == "generator says ON, amplifier enabled, monitor reads 87.7 V"
+
+
+@pytest.mark.parametrize("enable", [True, False])
+@pytest.mark.parametrize("answers", [True, False])
+def test_what_off_claims_is_so(rig_config, enable, answers):
+    bench = Bench(rig_config, enable=enable)
+    bench.rig.command(0.0, on(80.0))
+    assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
+    if not answers:
+        bench.faults.inject(Fault.HANG, count=math.inf)  # the message is lost as well: the generator stays on
+    evidence = bench.rig.off()
+    known_off = enable or answers
+    assert evidence.output_on is not known_off  # a generator that does not answer is seen by the monitor
+    assert (bench.voltage_v == 0.0) is known_off
+    assert evidence.generator_off is (True if answers else None)
+
+
+def test_the_monitors_reading_is_volts_at_the_electrode(rig_config):
+    bench = Bench(rig_config, enable=False)
+    bench.rig.command(0.0, on(80.0))
+    assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
+    bench.faults.inject(Fault.HANG, count=math.inf)
+    assert bench.rig.off().monitor_v == pytest.approx(80.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("generator_off", [True, None])
+def test_off_is_not_claimed_while_the_monitor_reads_high_voltage(generator_off):
+    """Two witnesses against each other: what is on the electrode is what the monitor sees there."""
+    assert OffEvidence(generator_off, DISABLED, 120.0).output_on is not False
+
+
+def test_no_monitor_is_no_reading(rig_config):
+    assert Bench(rig_config, monitor=False).rig.off().monitor_v is None
+
+
+def test_closing_switches_off_and_says_so(bench):
+    bench.rig.command(0.0, on(80.0))
+    assert bench.rig.close().output_on is False
+    assert bench.voltage_v == 0.0
+
+
+# --- ramps -----------------------------------------------------------------------------------------------------
+
+
+def test_it_comes_on_at_the_minimum_and_rises_by_bounded_steps(bench):
+    """10 kV/s at 10 ms: 100 V per set point, from the generator's minimum of 1 V."""
+    seen = []
+    for tick in range(4):
+        bench.rig.command(0.01 * tick, on(150.0))
+        seen.append(bench.voltage_v)
+    assert seen == pytest.approx([101.0, 150.0, 150.0, 150.0], rel=1e-3)
+    first_on = next(m for m in bench.wire.take() if "OUTP 1" in m)
+    assert bench.amplifier.max_voltage_v <= 150.0 * 1.001
+    assert "VOLT 1" not in first_on  # the output itself comes on before the ramp
+
+
+def test_a_planned_stop_ramps_down_then_generator_then_amplifier(bench):
+    steps = []
+    bench.rig._sleep = lambda dt: steps.append((dt, bench.voltage_v))
+    for tick in range(3):
+        bench.rig.command(0.01 * tick, on(150.0))
+    bench.wire.take()
+    assert bench.rig.stop().output_on is False
+    assert [v for _, v in steps] == pytest.approx([50.0, 1.0], rel=1e-3)  # 100 V per set point
+    assert [dt for dt, _ in steps] == [0.01, 0.01]
+    assert "OUTP 0" in bench.wire.take()[2]
+    assert bench.amplifier.read() is False
+
+
+def test_a_planned_stop_that_fails_is_off_at_once(bench):
+    bench.rig.command(0.0, on(80.0))
+    bench.faults.inject(Fault.GARBAGE)
+    assert bench.rig.stop().output_on is False
+    assert bench.voltage_v == 0.0
+
+
+# --- lease, heartbeats, guard ------------------------------------------------------------------------------------
+
+
+def test_output_that_is_not_refreshed_goes_to_zero(bench):
+    bench.rig.command(0.0, on(80.0))
+    bench.rig.watch(0.499)
+    assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
+    bench.rig.hold(0.5)
+    bench.rig.watch(0.999)
+    assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
+    bench.rig.watch(1.01)
+    assert bench.voltage_v == 0.0
+    assert bench.rig.state is RigState.OFF
+    bench.rig.hold(1.02)
+    assert bench.voltage_v == 0.0  # holding what is off does not bring it back
+
+
+def test_a_late_command_starts_again_from_the_minimum(bench):
+    bench.rig.command(0.00, on(100.0))
+    bench.rig.command(0.01, on(150.0))
+    bench.rig.command(2.00, on(150.0))
+    assert bench.voltage_v == pytest.approx(101.0, rel=1e-3)
+
+
+def test_hearts_are_beaten_while_refreshed_and_rest_when_off(rig_config):
+    heart = Heart()
+    bench = Bench(rig_config, heartbeats=[heart])
+    assert heart.beats == 0
+    for tick in range(101):
+        bench.rig.command(1e-3 * tick, on(50.0))
+    assert heart.beats == 3  # at 0, 50 and 100 ms
+    bench.rig.watch(0.3)
+    assert heart.beats == 3  # watching is not the caller's own life
+    bench.rig.hold(0.4)
+    assert heart.beats == 4
+    rests = heart.rests
+    bench.rig.off()
+    assert heart.rests == rests + 1
+
+
+def test_a_dead_heart_switches_off(rig_config):
+    heart = Heart()
+    bench = Bench(rig_config, heartbeats=[heart])
+    bench.rig.command(0.0, on(50.0))
+    heart.dead = True
+    with pytest.raises(HapticError, match="watchdog: it has ended"):
+        bench.rig.command(0.1, on(50.0))
+    assert bench.voltage_v == 0.0
+
+
+def test_a_heart_does_not_rest_while_the_output_is_unknown(rig_config):
+    heart = Heart()
+    bench = Bench(rig_config, enable=False, monitor=False, heartbeats=[heart])
+    bench.rig.command(0.0, on(50.0))
+    rests = heart.rests
+    bench.faults.inject(Fault.HANG, count=math.inf)
+    assert bench.rig.off().output_on is None
+    assert heart.rests == rests
+
+
+# --- trips -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("lie_v", "last_s"),
+    [(0.0, 0.16), (0.3, 0.16), (1.2, 0.0)],  # at 0.01 V per V: 0, 30 and 120 V
+)
+def test_a_monitor_that_contradicts_the_command_latches_a_trip(bench, lie_v, last_s):
+    """Too much at once; too little after the settling time, since a late voltage hurts nobody."""
+    bench.rig.command(0.0, on(80.0))
+    bench.rig.hold(0.1)
+    bench.monitor.lie_v = lie_v
+    for look in range(round(100.0 * last_s)):
+        bench.rig.hold(0.3 + 0.01 * look)
+    with pytest.raises(HapticError) as tripped:
+        bench.rig.hold(0.3 + last_s)
+    assert tripped.value.code == "tripped"
+    assert bench.voltage_v == 0.0
+    assert bench.rig.state is RigState.TRIPPED
+    bench.monitor.lie_v = None
+    with pytest.raises(HapticError, match=r"rig is tripped: the monitor reads .* where 80\.\.80 V were commanded"):
+        bench.rig.command(0.4, on(80.0))
+    bench.rig.command(0.5, OFF)  # off needs no permission
+    bench.rig.reset_trip()
+    bench.rig.command(1.0, on(80.0))
+    assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
+
+
+def test_the_monitor_may_lag_by_the_settling_time_and_be_off_by_the_tolerance(bench):
+    bench.rig.command(0.0, on(80.0))
+    bench.monitor.lie_v = 0.0
+    bench.rig.hold(0.14)
+    bench.monitor.lie_v = 0.87  # 8.75 % high
+    bench.rig.hold(0.3)
+    bench.rig.command(0.31, on(40.0))
+    bench.rig.hold(0.4)
+    assert bench.rig.state is RigState.ON
+
+
+def test_a_dialogue_that_stalled_is_no_contradiction(bench):
+    """A busy machine kept a set point waiting longer than the settling time: what it replaces was there until then."""
+    bench.rig.command(0.0, on(80.0))
+    bench.rig.hold(0.2)
+    bench.rig.hold(0.4)
+    bench.rig.command(0.5, on(40.0))
+    bench.monitor.lie_v = 0.8
+    bench.rig.hold(0.8)  # the first instant after the dialogue
+    bench.rig.hold(0.9)
+    with pytest.raises(HapticError, match=r"monitor reads 80 V where 40\.\.40 V"):
+        bench.rig.hold(0.96)
+
+
+@pytest.mark.parametrize("late_s", [0.001, 0.2])
+def test_a_command_timed_before_another_threads_look_forgets_nothing(bench, late_s):
+    """Found after 22 minutes of rendering: the history began anew, without the zero that was still on the monitor."""
+    bench.rig.command(0.0, on(80.0))
+    bench.rig.watch(0.230)
+    bench.rig.command(0.235, on(90.0))
+    bench.rig.watch(0.240)
+    bench.monitor.lie_v = 0.8  # not there yet
+    bench.rig.command(0.245 - late_s, on(60.0))
+    bench.rig.watch(0.25)
+    assert bench.rig.state is RigState.ON
+
+
+def test_a_voltage_that_comes_late_and_then_comes_is_no_trip(bench):
+    """Found after 13 minutes of rendering on a busy machine: 0 V for a moment where 91 V had been commanded."""
+    bench.rig.command(0.0, on(80.0))
+    bench.rig.hold(0.3)
+    bench.monitor.lie_v = 0.0
+    bench.rig.hold(0.4)
+    bench.monitor.lie_v = None
+    bench.rig.hold(0.5)
+    bench.monitor.lie_v = 0.0
+    bench.rig.hold(0.6)  # counts anew
+    bench.rig.hold(0.74)
+    assert bench.rig.state is RigState.ON
+
+
+@pytest.mark.parametrize("seen_by", ["watch", "command"])
+@pytest.mark.parametrize("began", ["before", "meanwhile"])
+def test_an_off_of_another_thread_is_no_contradiction(bench, monkeypatch, seen_by, began):
+    """Found in the daemon: who looked while somebody switched off saw the enable line low, and tripped."""
+    bench.rig.command(0.0, on(80.0))
+    bench.rig.hold(0.3)
+    reading, thread = bench.amplifier.read, threading.Thread(target=bench.rig.off)
+
+    def off_begins():
+        thread.start()
+        while reading():  # until its line is low; it then waits for who looks
+            time.sleep(0.001)
+
+    def read():
+        if not thread.ident:
+            off_begins()
+        return reading()
+
+    if began == "meanwhile":
+        monkeypatch.setattr(bench.amplifier, "read", read)
+    else:
+        bench.rig._energising.acquire()
+        off_begins()
+    bench.rig.watch(0.4) if seen_by == "watch" else bench.rig.command(0.4, on(81.0))
+    if began == "before":
+        bench.rig._energising.release()
+    thread.join()
+    assert bench.rig.trip_reason is None
+    assert bench.rig.state is RigState.OFF
+    assert bench.voltage_v == 0.0
+    bench.rig.command(1.0, on(80.0))
+    assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
+
+
+def test_a_trip_stays_while_its_reason_may(bench):
+    bench.rig.command(0.0, on(80.0))
+    bench.monitor.lie_v = 2.0
+    with pytest.raises(HapticError, match="monitor reads 200 V"):
+        bench.rig.hold(0.3)
+    with pytest.raises(HapticError) as remains:
+        bench.rig.reset_trip()
+    assert remains.value.code == "trip_remains"
+    bench.monitor.lie_v = None
+    bench.rig.reset_trip()
+    assert bench.rig.state is RigState.OFF
+    assert bench.rig.trip_reason is None
+
+
+def test_voltage_that_appears_while_off_is_a_trip(bench):
+    bench.monitor.lie_v = 0.5
+    with pytest.raises(HapticError, match=r"the monitor reads 50 V where 0\.\.0 V were commanded"):
+        bench.rig.watch(1.0)
+
+
+def test_an_amplifier_that_trips_or_loses_its_enable_line_is_a_trip(bench):
+    bench.rig.command(0.0, on(80.0))
+    bench.amplifier.trip()
+    with pytest.raises(HapticError, match="fault line says fault"):
+        bench.rig.hold(0.01)
+    bench.rig.reset_trip()
+    bench.rig.command(1.0, on(80.0))
+    bench.amplifier.write(False)  # an E-stop in the line
+    with pytest.raises(HapticError, match="enable line reads low: interlock or E-stop"):
+        bench.rig.command(1.1, on(81.0))
+
+
+def test_every_change_of_state_is_told_once_with_its_reason(rig_config):
+    told = []
+    bench = Bench(rig_config, on_event=told.append)
+    bench.rig.command(0.0, on(80.0))
+    bench.rig.command(0.1, on(90.0))
+    bench.rig.command(0.2, OFF)
+    bench.rig.off()
+    assert [(event.time_s, event.state) for event in told[1:]] == [(0.0, RigState.ON), (0.2, RigState.OFF)]
+    assert told[0].state is RigState.OFF
+    assert "generator says off" in told[2].reason
+    assert list(bench.rig.events) == told
+
+
+@pytest.mark.parametrize("name", ["lease_s", "settle_s", "monitor_tolerance", "ramp_down_s"])
+def test_senseless_safety_settings_are_refused(name):
+    with pytest.raises(ValueError, match=name):
+        SafetySettings(**{name: 0.0})
+
+
+def test_an_off_that_was_not_heard_is_tried_again(rig_config):
+    bench = Bench(rig_config, enable=False, monitor=False)
+    bench.rig.command(0.0, on(80.0))
+    bench.faults.inject(Fault.HANG, count=2)
+    with pytest.raises(HapticError, match="may still be on"):
+        bench.rig.command(0.1, OFF)
+    assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
+    bench.rig.command(0.2, OFF)  # too early to try again
+    assert bench.rig.state is RigState.UNKNOWN
+    bench.rig.command(0.7, OFF)
+    assert bench.voltage_v == 0.0
+    assert bench.rig.state is RigState.OFF
+
+
+def test_an_interlock_box_opens_by_itself_when_the_caller_stalls(rig_config):
+    """The box is enable line and heartbeat at once; nobody calls the rig any more, and nobody needs to."""
+    clock = ManualClock()
+    box = SimulatedInterlock(clock)
+    interlock = HeartbeatInterlock(MemoryTransport(box))
+    interlock.connect()
+    amplifier = SimulatedAmplifier(100.0, 700.0, enabled=True, interlock=lambda: box.closed)
+    generator = Simulated33220A(IMMEDIATE, listener=amplifier.drive)
+    rig = build_rig(
+        rig_config, MemoryTransport(generator), BreakableSensor(), interlock, amplifier, heartbeats=[interlock]
+    )
+    rig.connect()
+    for tick in range(1000):
+        clock.now_s = 1e-3 * tick
+        rig.command(clock.now_s, on(80.0))
+        assert amplifier.voltage_v == pytest.approx(80.0, rel=1e-3)
+    clock.sleep(0.25)
+    assert amplifier.voltage_v == 0.0
+    with pytest.raises(HapticError, match=r"has opened its contact \(silent\)"):
+        rig.command(clock.now_s, on(80.0))
+    assert rig.state is RigState.OFF

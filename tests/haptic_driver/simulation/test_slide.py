@@ -1,0 +1,222 @@
+"""Slides: what a file may hold, and how a record is judged."""
+
+import math
+
+import numpy as np
+import pytest
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.rig.slide import Slide, read_slide, synthetic_slide
+from haptic_driver.simulation.slide import score
+from tests.haptic_driver.slide_records import made_record
+
+HEADER = "time_s,position_m,normal_force_n"
+
+
+def write(tmp_path, rows, header=HEADER, encoding="utf-8"):
+    path = tmp_path / "slide.csv"
+    path.write_text("\n".join([header, *rows]) + "\n", encoding=encoding)
+    return path
+
+
+def rows(count=20, step_s=0.005, start_s=0.0):
+    return [f"{start_s + step_s * i},{1e-4 * i},0.5" for i in range(count)]
+
+
+def refused(path):
+    with pytest.raises(BadInputError) as error:
+        read_slide(path)
+    assert error.value.code in (
+        "bad_slide",
+        "bad_table",
+        "missing_column",
+        "not_a_number",
+        "file_not_found",
+        "file_unreadable",
+    )
+    assert str(path) in error.value.message
+    assert error.value.hint
+    return error.value
+
+
+# --- files -----------------------------------------------------------------------------------------------------
+
+
+def test_a_slide_is_resampled_to_the_tick(tmp_path):
+    slide = read_slide(write(tmp_path, rows(11, 0.010, start_s=5.0)))
+    assert slide.name == "slide.csv"
+    np.testing.assert_allclose(slide.time_s, 5.0 + 1e-3 * np.arange(100), atol=1e-9)
+    # 0.1 mm per 10 ms, linear between the rows
+    np.testing.assert_allclose(slide.position_m, 1e-5 * np.arange(100), atol=1e-12)
+    np.testing.assert_array_equal(slide.normal_force_n, 0.5)
+
+
+def test_columns_may_stand_in_any_order_among_others(tmp_path):
+    path = write(
+        tmp_path, [f"x,0.5,{1e-4 * i},{0.005 * i}" for i in range(20)], "note,normal_force_n,position_m,time_s"
+    )
+    slide = read_slide(path)
+    assert slide.normal_force_n[0] == 0.5
+    assert slide.position_m[50] == pytest.approx(1e-3, abs=1e-12)
+
+
+def test_uneven_times_are_interpolated(tmp_path):
+    times = [0.0, 0.001, 0.004, 0.010, 0.011, 0.02, 0.03, 0.05, 0.06, 0.09]
+    slide = read_slide(write(tmp_path, [f"{t},{2.0 * t},{0.1 + t}" for t in times]))
+    np.testing.assert_allclose(slide.position_m, 2.0 * slide.time_s, atol=1e-12)
+    np.testing.assert_allclose(slide.normal_force_n, 0.1 + slide.time_s, atol=1e-12)
+
+
+@pytest.mark.parametrize("missing", ["time_s", "position_m", "normal_force_n"])
+def test_a_missing_column_is_named(tmp_path, missing):
+    path = write(tmp_path, rows(), HEADER.replace(missing, "other"))
+    assert f"column {missing} is missing" in refused(path).message
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "half", "", " "])
+@pytest.mark.parametrize("column", [0, 1, 2])
+def test_what_is_no_number_is_named_with_its_line(tmp_path, text, column):
+    lines = rows()
+    fields = lines[6].split(",")
+    fields[column] = text
+    lines[6] = ",".join(fields)
+    message = refused(write(tmp_path, lines)).message
+    assert "line 8" in message
+    assert HEADER.split(",")[column] in message
+
+
+def test_a_short_line_is_named(tmp_path):
+    assert "line 3" in refused(write(tmp_path, ["0.0,0.0,0.5", "0.01,0.0", *rows(20, start_s=1.0)])).message
+
+
+def test_a_blank_line_does_not_shift_the_line_numbers(tmp_path):
+    lines = rows()
+    lines[10] = "0.05,half,0.5"
+    assert "line 13" in refused(write(tmp_path, [lines[0], "", *lines[1:]])).message
+
+
+@pytest.mark.parametrize("time_s", ["0.02", "0.01"])
+def test_time_that_stands_or_goes_back_is_named_with_its_line(tmp_path, time_s):
+    lines = rows()
+    lines[5] = f"{time_s},0.0,0.5"  # after 0.020 in line 6
+    message = refused(write(tmp_path, lines)).message
+    assert "line 7" in message
+    assert "time_s does not rise" in message
+
+
+@pytest.mark.parametrize("count", [0, 1, 9])
+def test_too_few_rows(tmp_path, count):
+    assert f"has {count} rows" in refused(write(tmp_path, rows(count))).message
+
+
+@pytest.mark.parametrize("step_s", [1e-5, 1e-4])
+def test_rows_within_a_single_tick_are_too_short(tmp_path, step_s):
+    """Ten rows within 1 ms leave one tick, from which no speed follows."""
+    refused(write(tmp_path, rows(10, step_s)))
+
+
+def test_time_in_milliseconds_is_guessed(tmp_path):
+    assert "is time_s in seconds?" in refused(write(tmp_path, rows(1000, 5.0))).message
+
+
+def test_an_empty_file(tmp_path):
+    (tmp_path / "slide.csv").write_text("")
+    assert "column time_s is missing" in refused(tmp_path / "slide.csv").message
+
+
+def test_no_file_a_folder_and_bytes(tmp_path):
+    assert "does not exist" in refused(tmp_path / "none.csv").message
+    assert "is a folder" in refused(tmp_path).message
+    (tmp_path / "slide.csv").write_bytes(b"\x89PNG\r\n\x1a\n\xff")
+    assert "is not UTF-8 text" in refused(tmp_path / "slide.csv").message
+
+
+@pytest.mark.parametrize("force_n", ["0", "-0.5"])
+def test_a_finger_that_never_touches_is_no_slide(tmp_path, force_n):
+    """A force of the wrong sign would give an empty result without a word."""
+    lines = [line.replace(",0.5", f",{force_n}") for line in rows()]
+    assert "never touches" in refused(write(tmp_path, lines)).message
+
+
+def test_a_field_that_csv_refuses_is_no_traceback(tmp_path):
+    refused(write(tmp_path, [*rows(), '"' + "x" * 200_000 + '",0,0']))
+
+
+def test_a_table_saved_by_a_spreadsheet_is_read(tmp_path):
+    """It begins with a byte order mark, which `haptic predict` reads past as well."""
+    slide = read_slide(write(tmp_path, rows(), encoding="utf-8-sig"))
+    assert slide.position_m[50] == pytest.approx(1e-3, abs=1e-12)
+
+
+# --- made up ---------------------------------------------------------------------------------------------------
+
+
+def test_the_synthetic_slide_is_what_it_says():
+    slide = synthetic_slide()
+    assert np.ptp(slide.position_m) == pytest.approx(0.080, rel=1e-6)
+    assert slide.position_m[-1] == pytest.approx(0.0, abs=1e-9)
+    # a least-jerk stroke peaks at 15/8 of its mean speed, 80 mm in 2.2 s; averaging over 10 ms takes a little off
+    assert slide.speed_m_s.max() == pytest.approx(15.0 / 8.0 * 0.080 / 2.2, rel=1e-3)
+    pressed = slide.normal_force_n > 0.3
+    assert 0.4 < slide.normal_force_n[pressed].mean() < 0.6
+    assert (slide.normal_force_n[(slide.time_s > 3.1) & (slide.time_s < 3.4)] == 0.0).all()
+    assert slide.normal_force_n.min() >= -1e-12
+
+
+def test_speed_is_that_of_a_steady_slide():
+    time = np.arange(0.0, 0.2, 1e-3)
+    slide = Slide("steady", time, -0.03 * time, np.ones(200))
+    np.testing.assert_allclose(slide.speed_m_s[10:-10], -0.03, rtol=1e-9)
+
+
+# --- score -----------------------------------------------------------------------------------------------------
+
+
+def test_all_met():
+    result = score(made_record())
+    assert result.share_within_5_percent == 1.0
+    assert result.cof_error_rms == 0.0
+    assert result.contact_time_s == pytest.approx(0.100)
+    assert result.sliding_time_s == pytest.approx(0.100)
+    assert result.reachable_share == 1.0
+    assert result.max_voltage_v == 77.0
+    assert result.output_on_without_contact_s == 0.0
+
+
+def test_share_and_error_by_hand():
+    measured = np.full(100, 0.6)
+    measured[:20], measured[20:30], measured[30:35] = 0.6 * 1.051, 0.6 * 0.951, 0.6 * 0.949
+    result = score(made_record(measured_cof=measured))
+    assert result.share_within_5_percent == pytest.approx(0.75)  # 20 too high and 5 too low of 100
+    expected = 0.6 * math.sqrt((20 * 0.051**2 + 10 * 0.049**2 + 5 * 0.051**2) / 100)
+    assert result.cof_error_rms == pytest.approx(expected, rel=1e-9)
+
+
+def test_what_cannot_be_judged_does_not_count():
+    measured, target = np.full(100, 0.6), np.full(100, 0.6)
+    contact, reachable = np.ones(100, bool), np.ones(100, bool)
+    measured[:10], contact[:10] = np.nan, False
+    target[10:20], measured[10:20] = np.nan, 5.0
+    measured[20:40], reachable[20:40] = 5.0, False
+    result = score(made_record(measured_cof=measured, target_cof=target, in_contact=contact, reachable=reachable))
+    assert result.share_within_5_percent == 1.0
+    assert result.contact_time_s == pytest.approx(0.090)
+    assert result.sliding_time_s == pytest.approx(0.080)
+    assert result.reachable_share == pytest.approx(60.0 / 80.0)
+
+
+def test_a_resting_finger_is_not_judged():
+    time = np.arange(100) * 1e-3
+    result = score(made_record(slide=Slide("rest", time, np.full(100, 0.01), np.full(100, 0.5))))
+    assert result.sliding_time_s == 0.0
+    assert result.contact_time_s == pytest.approx(0.100)
+    assert math.isnan(result.share_within_5_percent)
+    assert math.isnan(result.reachable_share)
+
+
+def test_voltage_off_the_screen_is_counted():
+    off_screen, voltage = np.zeros(100, bool), np.full(100, 70.0)
+    off_screen[50:], voltage[70:] = True, 0.0
+    assert score(made_record(off_screen=off_screen, voltage_v=voltage)).output_on_without_contact_s == pytest.approx(
+        0.020
+    )

@@ -1,0 +1,126 @@
+"""Model to surface: axes, provenance, and the numbers themselves against the model asked point by point."""
+
+import json
+import math
+from dataclasses import replace
+from datetime import datetime
+
+import numpy as np
+import pytest
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.surface.build import SurfaceAxes, build_surface
+from model.conditions import Conditions
+
+ROUNDING = 1e-12
+
+
+def test_default_axes_are_what_the_surface_promises():
+    axes = SurfaceAxes()
+    assert (axes.frequency_hz[0], axes.frequency_hz[-1]) == (1.0, 1e6)
+    assert (axes.voltage_v[0], axes.voltage_v[-1]) == (0.0, 150.0)
+    assert (axes.normal_force_n[0], axes.normal_force_n[-1]) == (0.1, 2.0)
+
+
+def test_axes_are_even_in_log_frequency_voltage_and_log_force():
+    axes = SurfaceAxes(10.0, 1e3, 5, 90.0, 4, 0.1, 0.8, 4)
+    np.testing.assert_allclose(axes.frequency_hz, [10.0, 10**1.5, 100.0, 10**2.5, 1000.0], rtol=ROUNDING)
+    np.testing.assert_allclose(axes.voltage_v, [0.0, 30.0, 60.0, 90.0], rtol=ROUNDING)
+    np.testing.assert_allclose(axes.normal_force_n, [0.1, 0.2, 0.4, 0.8], rtol=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"frequency_low_hz": 0.0},
+        {"frequency_low_hz": 1e6},
+        {"frequency_high_hz": 1e9},
+        {"frequency_low_hz": math.nan},
+        {"voltage_high_v": 0.0},
+        {"voltage_high_v": 6e3},
+        {"voltage_high_v": math.nan},
+        {"normal_force_low_n": 0.0},
+        {"normal_force_low_n": 3.0},
+        {"normal_force_high_n": 100.0},
+        {"normal_force_high_n": math.inf},
+        {"frequency_count": 3},
+        {"voltage_count": -5},
+        {"normal_force_count": 0},
+        {"frequency_count": 200_000},
+        {"frequency_count": 2**22, "voltage_count": 2**22, "normal_force_count": 2**22},
+    ],
+)
+def test_axes_that_cannot_carry_a_surface_are_refused(wrong):
+    with pytest.raises(BadInputError) as refused:
+        SurfaceAxes(**wrong)
+    assert refused.value.code == "bad_axes"
+    assert refused.value.hint
+
+
+def test_every_point_is_the_models(small_file, touch):
+    f, v, n = np.meshgrid(small_file.frequency_hz, small_file.voltage_v, small_file.normal_force_n, indexing="ij")
+    answer = touch.predict(Conditions(f.ravel(), v.ravel(), n.ravel()))
+    # the surface is solved from 128 pressures per frequency with a cubic between them
+    for name in ("cof", "electrostatic_force_n", "current_rms_a"):
+        np.testing.assert_allclose(getattr(small_file, name).ravel(), getattr(answer, name), rtol=2e-4, atol=1e-12)
+    stuck = np.broadcast_to(small_file.stuck_current_rms_a[:, :, None], f.shape)
+    np.testing.assert_allclose(stuck.ravel(), answer.stuck_current_rms_a, rtol=1e-9)
+    np.testing.assert_array_equal(small_file.within_theory.ravel(), answer.within_theory)
+
+
+def test_slew_rate_is_two_pi_f_v(small_file):
+    assert small_file.slew_v_per_s[-1, -1] == pytest.approx(2.0 * math.pi * 1e6 * 150.0, rel=ROUNDING)
+    assert small_file.slew_v_per_s[0, 1] == pytest.approx(2.0 * math.pi * 1.0 * 150.0 / 7.0, rel=ROUNDING)
+
+
+def test_within_limits_is_the_public_contact_current(small_file):
+    """Worst-case current against 0.5 mA to 2.5 kHz and 20 mA above 100 kHz, by hand."""
+    for i, limit_a in ((0, 0.5e-3), (1, 0.5e-3), (2, 0.5e-3), (5, 20e-3)):
+        allowed = small_file.stuck_current_rms_a[i, :, None] <= limit_a
+        np.testing.assert_array_equal(small_file.within_limits[i], np.broadcast_to(allowed, (8, 4)))
+    assert small_file.within_limits.any()
+    assert not small_file.within_limits.all()
+
+
+def test_provenance_says_all_that_is_needed_to_build_it_again(small_file, model_description):
+    said = small_file.provenance
+    assert set(said) >= {
+        "model", "model_hash", "gap_table_hash", "limits", "waveform", "program", "numpy", "scipy", "built_at"
+    }  # fmt: skip
+    assert said["model"]["name"] == "reference"
+    assert said["model"]["friction_law"] == "applied_load"
+    assert said["model"]["dielectric"]["name"] == "gabriel_dry"
+    given = {name: entry["value"] for name, entry in said["model"]["parameters"].items()}
+    assert given == {name: p.value for name, p in model_description.parameters.items()}
+    assert given["roughness_rms_m"] == 20e-6
+    assert all(entry["source"] and entry["unit"] for entry in said["model"]["parameters"].values())
+    assert said["waveform"] == "sine"
+    assert said["numpy"] == np.__version__
+    assert datetime.fromisoformat(said["built_at"]).tzinfo is not None
+    json.dumps(said)  # a file can hold it
+
+
+def test_the_same_model_gives_the_same_hash(small_file, model_description, limits):
+    axes = SurfaceAxes(frequency_count=6, voltage_count=8, normal_force_count=4)
+    assert build_surface(model_description, limits, axes).content_hash == small_file.content_hash
+
+
+def test_another_finger_has_another_surface(model_description, limits, small_file):
+    axes = SurfaceAxes(frequency_count=6, voltage_count=8, normal_force_count=4)
+    rougher = replace(model_description.parameters["roughness_rms_m"], value=25e-6)
+    changed = replace(model_description, parameters={**model_description.parameters, "roughness_rms_m": rougher})
+    other = build_surface(changed, limits, axes)
+    assert other.content_hash != small_file.content_hash
+    assert (other.electrostatic_force_n[:, 1:] < small_file.electrostatic_force_n[:, 1:]).all()  # wider gaps
+
+
+def test_an_interval_is_made_where_asked_for_and_says_from_what(model_description, limits, small_file):
+    axes = SurfaceAxes(frequency_count=6, voltage_count=8, normal_force_count=4)
+    found = build_surface(model_description, limits, axes, with_interval=True)
+    assert small_file.cof_interval is None
+    low, high = found.cof_interval
+    assert (low <= found.cof).all()
+    assert (high >= found.cof).all()
+    np.testing.assert_array_equal(found.cof, small_file.cof)
+    assert found.provenance["uncertainty"]["numbers"]["roughness_rms_m"]["std"] == pytest.approx(0.1)
+    assert build_surface(model_description, limits, axes, with_interval=True).content_hash == found.content_hash

@@ -1,0 +1,330 @@
+"""The surface file: what is written comes back, and what is damaged, foreign or forbidden is not used."""
+
+import json
+import math
+import os
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.limits import OperatingLimits
+from haptic_driver.render.surface import NO_CAPS, cof_at, invert
+from haptic_driver.surface.file import CofInterval, cof_interval_at, read_surface, ready_for_lookup
+
+NUMBERS = ("frequency_hz", "voltage_v", "normal_force_n", "cof", "electrostatic_force_n", "current_rms_a")
+MORE_NUMBERS = ("stuck_current_rms_a", "slew_v_per_s")
+MASKS = ("pulled_in", "within_theory", "within_limits")
+WIDE = OperatingLimits(voltage_v=1e3, frequency_low_hz=1e-3, frequency_high_hz=1e9, contact_current_a_rms=((1.0, 1e3),))
+
+
+@pytest.fixture
+def written(small_file, tmp_path):
+    path = tmp_path / "s.h5"
+    small_file.write(path)
+    return path
+
+
+# --- round trip ------------------------------------------------------------------------------------------------
+
+
+def test_what_is_written_comes_back(small_file, written):
+    found = read_surface(written)
+    for name in (*NUMBERS, *MORE_NUMBERS, *MASKS):
+        expected = getattr(small_file, name)
+        assert getattr(found, name).dtype == expected.dtype
+        np.testing.assert_array_equal(getattr(found, name), expected)
+    assert found.provenance == small_file.provenance
+    assert found.content_hash == small_file.content_hash
+
+
+def test_nan_survives_the_round_trip(small_file, tmp_path):
+    cof = small_file.cof.copy()
+    cof[2, 5, 1] = np.nan
+    replace(small_file, cof=cof).write(tmp_path / "nan.h5")
+    found = read_surface(tmp_path / "nan.h5").cof
+    assert np.isnan(found[2, 5, 1])
+    assert np.isnan(found).sum() == 1
+
+
+@pytest.mark.parametrize("name", [*NUMBERS, *MORE_NUMBERS])
+def test_the_hash_changes_with_any_number(small_file, name):
+    changed = getattr(small_file, name).copy()
+    changed.flat[-1] = np.nextafter(changed.flat[-1], np.inf)
+    assert replace(small_file, **{name: changed}).content_hash != small_file.content_hash
+
+
+@pytest.mark.parametrize("name", MASKS)
+def test_the_hash_changes_with_any_mask(small_file, name):
+    changed = getattr(small_file, name).copy()
+    changed.flat[-1] = ~changed.flat[-1]
+    assert replace(small_file, **{name: changed}).content_hash != small_file.content_hash
+
+
+def test_the_hash_changes_with_the_model_and_not_with_the_day(small_file):
+    other = json.loads(json.dumps(small_file.provenance))
+    other["model"]["parameters"]["skin_thickness_m"]["value"] *= 1.0 + 1e-12
+    assert replace(small_file, provenance=other).content_hash != small_file.content_hash
+    later = small_file.provenance | {"built_at": "2099-01-01T00:00:00+00:00"}
+    assert replace(small_file, provenance=later).content_hash == small_file.content_hash
+
+
+def test_the_hash_does_not_depend_on_memory_layout(small_file):
+    turned = replace(small_file, cof=np.asfortranarray(small_file.cof))
+    assert turned.content_hash == small_file.content_hash
+
+
+def test_attributes_are_strings_and_floats_so_that_matlab_reads_them(written):
+    with h5py.File(written, "r") as file:
+        assert set(file.attrs) >= {"format", "format_version", "content_hash", "provenance"}
+        for name, value in file.attrs.items():
+            assert isinstance(value, str | float), name
+        assert set(file) == {*NUMBERS, *MORE_NUMBERS, *MASKS}
+        assert file["cof"].shape == (6, 8, 4)
+        assert {file[name].dtype for name in MASKS} == {np.dtype("u1")}  # MATLAB has no HDF5 booleans
+
+
+def test_an_existing_file_is_replaced(small_file, written):
+    replace(small_file, cof=small_file.cof + 1.0).write(written)
+    np.testing.assert_array_equal(read_surface(written).cof, small_file.cof + 1.0)
+    assert [p.name for p in written.parent.iterdir()] == ["s.h5"]
+
+
+def test_folders_on_the_way_are_made(small_file, tmp_path):
+    small_file.write(tmp_path / "a" / "b" / "s.h5")
+    assert read_surface(tmp_path / "a" / "b" / "s.h5").content_hash == small_file.content_hash
+
+
+def test_a_surface_can_be_read_by_whoever_may_read_files_here(written):
+    plain = written.parent / "plain"
+    plain.touch()
+    assert written.stat().st_mode == plain.stat().st_mode
+
+
+def test_a_failed_write_leaves_nothing_behind(small_file, tmp_path):
+    (tmp_path / "taken.h5").mkdir()
+    with pytest.raises(HapticError) as failed:
+        small_file.write(tmp_path / "taken.h5")
+    assert failed.value.code == "not_written"
+    assert failed.value.exit_status == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["taken.h5"]
+
+
+def test_a_write_that_breaks_off_keeps_the_old_file(small_file, written, monkeypatch):
+    before = written.read_bytes()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(HapticError, match="No space left"):
+        replace(small_file, cof=small_file.cof + 1.0).write(written)
+    assert written.read_bytes() == before
+    assert [p.name for p in written.parent.iterdir()] == ["s.h5"]
+
+
+# --- damage ----------------------------------------------------------------------------------------------------
+
+
+def assert_refused(path, code):
+    with pytest.raises(BadInputError) as refused:
+        read_surface(path)
+    assert refused.value.code == code
+    assert str(path) in refused.value.message
+    assert "haptic surface build" in refused.value.hint
+
+
+def test_missing_file(tmp_path):
+    assert_refused(tmp_path / "none.h5", "surface_not_found")
+
+
+def test_folder_instead_of_a_file(tmp_path):
+    assert_refused(tmp_path, "surface_not_found")
+
+
+@pytest.mark.parametrize("content", [b"", b"frequency_hz,cof\n1,0.5\n", b"\x89HDF\r\n\x1a\n"])
+def test_not_hdf5(tmp_path, content):
+    (tmp_path / "text.h5").write_bytes(content)
+    assert_refused(tmp_path / "text.h5", "surface_corrupt")
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.999])
+def test_truncated(written, share):
+    content = written.read_bytes()
+    written.write_bytes(content[: int(share * len(content))])
+    assert_refused(written, "surface_corrupt")
+
+
+@pytest.mark.parametrize("name", [*NUMBERS, *MORE_NUMBERS, *MASKS])
+def test_one_flipped_bit_in_any_dataset(written, name):
+    with h5py.File(written, "r") as file:
+        at = file[name].id.get_offset()
+    content = bytearray(written.read_bytes())
+    content[at] ^= 1
+    written.write_bytes(content)
+    assert_refused(written, "surface_corrupt")
+
+
+def test_any_flipped_byte_is_refused_or_harmless(small_file, written, rng):
+    """Also in the structure of the file: never another error, never other numbers."""
+    content = written.read_bytes()
+    for at in rng.integers(0, len(content), 300).tolist():
+        damaged = bytearray(content)
+        damaged[at] ^= int(rng.integers(1, 256))
+        written.write_bytes(damaged)
+        try:
+            found = read_surface(written)
+        except BadInputError as error:
+            assert error.code in ("surface_corrupt", "surface_foreign", "surface_version")  # noqa: PT017
+        else:
+            np.testing.assert_array_equal(found.cof, small_file.cof)
+
+
+def test_foreign_hdf5(tmp_path):
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["cof"] = np.zeros(3)
+    assert_refused(tmp_path / "other.h5", "surface_foreign")
+
+
+def test_an_interval_comes_back_and_is_part_of_the_hash(small_file, tmp_path):
+    high = np.where(small_file.cof > 0.7, np.inf, 1.1 * small_file.cof)
+    bounded = replace(small_file, cof_interval=CofInterval(0.9 * small_file.cof, high))
+    bounded.write(tmp_path / "b.h5")
+    found = read_surface(tmp_path / "b.h5")
+    np.testing.assert_array_equal(found.cof_interval, bounded.cof_interval)
+    assert found.content_hash == bounded.content_hash != small_file.content_hash
+    with h5py.File(tmp_path / "b.h5", "r") as file:
+        assert file["cof_low"].shape == file["cof_high"].shape == small_file.cof.shape
+
+
+def test_a_file_from_before_intervals_is_read(small_file, written):
+    with h5py.File(written, "a") as file:
+        file.attrs["format_version"] = 1.0
+    found = read_surface(written)
+    assert found.cof_interval is None
+    assert found.content_hash == small_file.content_hash
+
+
+def test_the_interval_at_a_point_is_linear_between_nodes(small_file):
+    low, high = 0.9 * small_file.cof, 1.2 * small_file.cof
+    bounded = replace(small_file, cof_interval=CofInterval(low, high))
+    f, v, n = small_file.frequency_hz, small_file.voltage_v, small_file.normal_force_n
+    assert cof_interval_at(bounded, f[2], v[3], n[1]) == pytest.approx((low[2, 3, 1], high[2, 3, 1]))
+    half = cof_interval_at(bounded, math.sqrt(f[2] * f[3]), v[3], n[1])
+    assert half[0] == pytest.approx(0.5 * (low[2, 3, 1] + low[3, 3, 1]))
+    assert cof_interval_at(small_file, f[2], v[3], n[1]) is None
+
+
+@pytest.mark.parametrize("version", [0.9, 2.0])
+def test_another_format_version(written, version):
+    with h5py.File(written, "a") as file:
+        file.attrs["format_version"] = version
+    assert_refused(written, "surface_version")
+
+
+@pytest.mark.parametrize("attribute", ["format_version", "content_hash", "provenance"])
+def test_an_attribute_is_missing(written, attribute):
+    with h5py.File(written, "a") as file:
+        del file.attrs[attribute]
+    assert_refused(written, "surface_corrupt")
+
+
+def test_a_dataset_is_missing(written):
+    with h5py.File(written, "a") as file:
+        del file["cof"]
+    assert_refused(written, "surface_corrupt")
+
+
+def test_numbers_edited_by_hand(written):
+    with h5py.File(written, "a") as file:
+        file["cof"][0, 1, 0] = 0.9
+    assert_refused(written, "surface_corrupt")
+
+
+def test_provenance_that_is_no_json(written):
+    with h5py.File(written, "a") as file:
+        file.attrs["provenance"] = "{"
+    assert_refused(written, "surface_corrupt")
+
+
+# --- masks -----------------------------------------------------------------------------------------------------
+
+FREQUENCY, FORCE, VOLTAGE = np.geomspace(10.0, 1e4, 4), np.geomspace(0.1, 2.0, 4), np.linspace(0.0, 100.0, 11)
+SHAPE = (4, 11, 4)
+FRICTION_AT_NODE = 1e-9  # the node goes through a logarithm and back
+
+
+def at(array, value, f, v, n):
+    array[f, v, n] = value
+    return array
+
+
+def test_nothing_beyond_a_forbidden_island_is_offered(make_file):
+    """Allowed again above 60 V, but the way there leads through 40 to 60 V."""
+    theory = at(np.ones(SHAPE, bool), False, 1, slice(4, 7), slice(None))
+    surface = ready_for_lookup(make_file(FREQUENCY, FORCE, VOLTAGE, within_theory=theory), WIDE)
+    island = invert(surface, math.inf, float(FREQUENCY[1]), 0.5, NO_CAPS)
+    assert island.voltage_v == pytest.approx(30.0)
+    assert island.cof == pytest.approx(0.5 + 1e-4 * 30.0**2, abs=FRICTION_AT_NODE)
+    assert invert(surface, math.inf, float(FREQUENCY[2]), 0.5, NO_CAPS).voltage_v == pytest.approx(100.0)
+
+
+def test_forbidden_already_without_voltage(make_file):
+    theory = at(np.ones(SHAPE, bool), False, 1, slice(None), slice(None))
+    surface = ready_for_lookup(make_file(FREQUENCY, FORCE, VOLTAGE, within_theory=theory), WIDE)
+    assert invert(surface, math.inf, float(FREQUENCY[1]), 0.5, NO_CAPS).voltage_v == 0.0
+
+
+def test_pulled_in_points_are_nan_and_end_the_range(make_file):
+    plain = make_file(FREQUENCY, FORCE, VOLTAGE)
+    changed = {name: at(getattr(plain, name).copy(), np.nan, 2, slice(7, None), 0) for name in ("cof", "current_rms_a")}
+    pulled_in = at(np.zeros(SHAPE, bool), True, 2, slice(7, None), 0)
+    theory = ~pulled_in
+    file = make_file(FREQUENCY, FORCE, VOLTAGE, pulled_in=pulled_in, within_theory=theory, **changed)
+    surface = ready_for_lookup(file, WIDE)
+    assert np.isfinite(surface.cof).all()
+    light = invert(surface, math.inf, float(FREQUENCY[2]), 0.1, NO_CAPS)
+    assert light.voltage_v == pytest.approx(60.0)
+    assert light.cof == pytest.approx(0.5 + 1e-4 * 60.0**2, abs=FRICTION_AT_NODE)
+    for target in np.linspace(0.4, 2.0, 33).tolist():
+        for force in (0.1, 0.15, 0.2714, 0.4, 2.0):
+            found = invert(surface, target, float(FREQUENCY[2]), force, NO_CAPS)
+            assert np.isfinite(found).all()
+            assert found.voltage_v <= 60.0 + 1e-9
+    assert cof_at(surface, float(FREQUENCY[2]), 60.0, 0.5) == pytest.approx(0.86, abs=FRICTION_AT_NODE)
+
+
+@pytest.mark.parametrize("mask", ["pulled_in", "within_theory"])
+def test_each_mask_alone_forbids(make_file, mask):
+    forbidden = np.zeros(SHAPE, bool)
+    forbidden[:, 5:, :] = True
+    surface = ready_for_lookup(
+        make_file(FREQUENCY, FORCE, VOLTAGE, **{mask: forbidden if mask == "pulled_in" else ~forbidden}), WIDE
+    )
+    assert invert(surface, math.inf, 300.0, 0.5, NO_CAPS).voltage_v == pytest.approx(40.0)
+
+
+def test_a_forbidden_force_forbids_the_forces_up_to_its_neighbours(make_file):
+    theory = at(np.ones(SHAPE, bool), False, slice(None), slice(3, None), 0)
+    surface = ready_for_lookup(make_file(FREQUENCY, FORCE, VOLTAGE, within_theory=theory), WIDE)
+    for force, expected_v in ((0.1, 20.0), (0.15, 20.0), (0.26, 20.0), (0.5, 100.0), (2.0, 100.0)):
+        assert invert(surface, math.inf, 300.0, force, NO_CAPS).voltage_v == pytest.approx(expected_v), force
+
+
+def test_the_sliding_current_counts_too(make_file):
+    just_allowed = 1e-5 * (1.0 - 1e-12)  # A/V; between normal forces it is interpolated, with rounding
+    current = np.broadcast_to(just_allowed * VOLTAGE[:, None], SHAPE).copy()
+    stuck = np.broadcast_to(1e-7 * VOLTAGE, SHAPE[:2]).copy()
+    file = make_file(FREQUENCY, FORCE, VOLTAGE, current_rms_a=current, stuck_current_rms_a=stuck)
+    public = OperatingLimits(voltage_v=1e3, frequency_low_hz=1.0, frequency_high_hz=1e6)
+    # 0.5 mA at 10 uA/V: 50 V, and the last node that is not above it
+    assert invert(ready_for_lookup(file, public), math.inf, 100.0, 0.5, NO_CAPS).voltage_v == pytest.approx(50.0)
+
+
+def test_the_rigs_limits_are_applied_and_not_those_of_the_file(make_file):
+    file = make_file(FREQUENCY, FORCE, VOLTAGE, within_limits=np.zeros(SHAPE, bool))
+    for allowed_v in (17.0, 83.0):
+        surface = ready_for_lookup(file, replace(WIDE, voltage_v=allowed_v))
+        assert invert(surface, math.inf, 300.0, 0.5, NO_CAPS).voltage_v == pytest.approx(allowed_v, rel=1e-6)

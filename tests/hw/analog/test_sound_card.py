@@ -1,0 +1,178 @@
+from __future__ import annotations
+
+import sys
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hw.analog.output import AnalogOutputSettings, OutputUnderrun
+from hw.analog.sound_card import SoundCardOutput
+from hw.errors import DeviceDisconnected, DeviceError, InstrumentRejected, LimitExceeded
+
+SETTINGS = AnalogOutputSettings(
+    low_v=-1.0, high_v=1.0, zero_level_v=0.0, sample_rate_limit_hz=48e3, buffer_s=0.1, lease_s=0.5, timeout_s=0.2
+)
+
+
+class PortAudioError(Exception):
+    pass
+
+
+class OutputStream:
+    """What is used of sounddevice.OutputStream; `pull` is what PortAudio's thread does."""
+
+    __slots__ = ("_callback", "_channels", "_state", "device")
+    devices = ("DAC",)
+    newest: OutputStream
+
+    def __init__(
+        self, samplerate: float, device: Any, channels: int, dtype: str, latency: float, callback: Any
+    ) -> None:
+        assert dtype == "float32"
+        assert samplerate == 48e3
+        if device not in self.devices:
+            raise ValueError(f"No output device matching {device!r}")
+        self._callback, self._channels, self._state = callback, channels, "new"
+        OutputStream.newest = self
+
+    @property
+    def active(self) -> bool:
+        return self._state == "started"
+
+    def start(self) -> None:
+        self._state = "started"
+
+    def abort(self) -> None:
+        self._state = "aborted"
+
+    def close(self) -> None:
+        assert self._state == "aborted"
+        self._state = "closed"
+
+    def pull(self, frames: int, *, underflow: bool = False) -> np.ndarray[Any, Any]:
+        out = np.full((frames, self._channels), np.nan, dtype=np.float32)
+        self._callback(out, frames, None, SimpleNamespace(output_underflow=underflow))
+        return out
+
+
+@pytest.fixture(autouse=True)
+def _sounddevice(monkeypatch: pytest.MonkeyPatch) -> None:
+    fake = ModuleType("sounddevice")
+    fake.OutputStream, fake.PortAudioError = OutputStream, PortAudioError  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "sounddevice", fake)
+
+
+def card(**kwargs: Any) -> SoundCardOutput:
+    given: dict[str, Any] = {"sample_rate_hz": 48e3, "full_scale_v": 2.0, "dc_coupled": True, "watch": False}
+    return SoundCardOutput("DAC", SETTINGS, **(given | kwargs))
+
+
+def test_blocks_come_out_scaled_in_order_on_their_channel() -> None:
+    with card(channel=1) as output:
+        output.write([0.2, 0.4, 0.6], 48e3)
+        output.write([0.8, 1.0], 48e3)
+        first, second = OutputStream.newest.pull(4), OutputStream.newest.pull(4)
+    played = np.concatenate((first, second))
+    assert played[:, 1].tolist() == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5, 0.0, 0.0, 0.0])
+    assert played[:, 0].tolist() == [0.0] * 8
+    assert OutputStream.newest._state == "closed"
+
+
+def test_running_dry_gives_zero_at_once_and_is_reported() -> None:
+    with card() as output:
+        output.write([1.0, 1.0], 48e3)
+        assert OutputStream.newest.pull(3)[:, 0].tolist() == [0.5, 0.5, 0.0]
+        with pytest.raises(OutputUnderrun):
+            output.write([1.0], 48e3)
+        assert OutputStream.newest.pull(1)[0, 0] == 0.0
+
+
+def test_an_underflow_of_the_card_itself_ends_the_stream() -> None:
+    with card() as output:
+        output.write(np.full(1000, 1.0), 48e3)
+        assert OutputStream.newest.pull(10, underflow=True).max() == 0.0
+        with pytest.raises(OutputUnderrun):
+            output.check()
+
+
+def test_a_block_that_arrives_after_an_underflow_does_not_hide_it() -> None:
+    with card() as output:
+        output.write(np.full(1000, 1.0), 48e3)
+        OutputStream.newest.pull(10, underflow=True)
+        output._append(np.full(1000, 1.0))  # the callback came between write's check and its block
+        with pytest.raises(OutputUnderrun):
+            output.check()
+        assert OutputStream.newest.pull(1)[0, 0] == 0.0
+
+
+def test_a_dc_coupled_card_holds_a_level_until_its_lease_ends() -> None:
+    now = [0.0]
+    with card(clock=lambda: now[0]) as output:
+        output.hold(1.0)
+        assert OutputStream.newest.pull(5).tolist() == [[0.5]] * 5
+        now[0] = 0.6
+        with pytest.raises(OutputUnderrun):
+            output.check()
+        assert OutputStream.newest.pull(5).max() == 0.0
+
+
+def test_an_ac_coupled_card_refuses_to_hold() -> None:
+    with card(dc_coupled=False) as output:
+        output.write([0.5] * 100, 48e3)
+        with pytest.raises(LimitExceeded, match="AC-coupled"):
+            output.hold(0.5)
+        assert OutputStream.newest.pull(1)[0, 0] == 0.25  # the stream goes on
+        output.hold(0.0)
+    with pytest.raises(ValueError, match="AC-coupled"):
+        SoundCardOutput(
+            "DAC",
+            AnalogOutputSettings(low_v=-1.0, high_v=1.0, zero_level_v=-1.0, sample_rate_limit_hz=48e3),
+            sample_rate_hz=48e3,
+            full_scale_v=1.0,
+            dc_coupled=False,
+        )
+
+
+def test_limits_and_rate_are_checked_and_leave_the_stream_alone() -> None:
+    with card() as output:
+        output.write([1.0] * 10, 48e3)
+        for block_v, rate_hz in (([1.1], 48e3), ([0.0], 44.1e3)):
+            with pytest.raises(LimitExceeded):
+                output.write(block_v, rate_hz)
+        assert OutputStream.newest.pull(1)[0, 0] == 0.5
+    with pytest.raises(ValueError, match="full scale"):
+        card(full_scale_v=0.5)
+
+
+def test_a_card_pulled_out_is_reported() -> None:
+    output = card()
+    output.open()
+    OutputStream.newest.abort()
+    with pytest.raises(DeviceDisconnected, match="has stopped"):
+        output.hold(1.0)
+    with pytest.raises(DeviceDisconnected):
+        output.close()
+
+
+def test_an_unknown_device_is_refused() -> None:
+    output = SoundCardOutput("Dac", SETTINGS, sample_rate_hz=48e3, full_scale_v=1.0, dc_coupled=True)
+    with pytest.raises(InstrumentRejected, match="No output device"):
+        output.open()
+
+
+def test_without_the_package_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "sounddevice", None)
+    with pytest.raises(DeviceError) as caught:
+        card().open()
+    assert "haptic-driver[sound]" in caught.value.hint
+
+
+def test_without_portaudio_the_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "sounddevice")
+    monkeypatch.setattr("ctypes.util.find_library", lambda name: None)
+    pytest.importorskip("_sounddevice", reason="the real sounddevice package is not installed")
+    with pytest.raises(DeviceError, match="PortAudio") as caught:
+        card().open()
+    assert "libportaudio2" in caught.value.hint

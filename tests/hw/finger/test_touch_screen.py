@@ -1,0 +1,423 @@
+from __future__ import annotations
+
+import datetime
+import errno
+import math
+import os
+import struct
+import sys
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hw.errors import BadReply, DeviceDisconnected, DeviceError
+from hw.finger.simulated_touch_screen import Panel, SimulatedTouchScreen
+from hw.finger.touch_screen import (
+    RawTouch,
+    TouchCalibration,
+    TouchEvents,
+    TouchReports,
+    TouchScreen,
+    fit_calibration,
+    open_touch_reports,
+    open_touch_screen,
+)
+from hw.finger.tracker import FingerReading, FingerTracker
+from tests.clock import ManualClock
+
+TODAY = datetime.date(2026, 1, 31)
+# The inverse of the panel by hand: 20 counts per mm, origin at (50, 3000), y counted downwards.
+CALIBRATION = TouchCalibration(((5e-5, 0.0, -50 * 5e-5), (0.0, -5e-5, 3000 * 5e-5)), TODAY, placeholder=False)
+COUNT_M = 5e-5
+
+
+class Bench:
+    """A simulated screen and the tracker that reads it, on one clock."""
+
+    def __init__(self, slots: int) -> None:
+        self.clock = ManualClock(1000.0)
+        self.screen = SimulatedTouchScreen(Panel(), slots=slots, clock=self.clock)
+        descriptor = self.screen.descriptor
+        reports = TouchReports(
+            descriptor,
+            TouchEvents(self.screen.current_slot if slots else None),
+            name="simulated touch screen",
+            close=lambda: os.close(descriptor),
+        )
+        self.tracker = TouchScreen(reports, CALIBRATION, clock=self.clock)
+
+    def put(self, x_m: float, y_m: float, *, finger: int = 0) -> FingerReading:
+        self.clock.sleep(0.01)
+        self.screen.put(x_m, y_m, finger=finger)
+        return self.tracker.read()
+
+    def lift(self, *, finger: int = 0) -> FingerReading:
+        self.clock.sleep(0.01)
+        self.screen.lift(finger=finger)
+        return self.tracker.read()
+
+
+@pytest.fixture(params=[10, 0], ids=["slots", "one finger"])
+def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+    bench = Bench(request.param)
+    yield bench
+    bench.tracker.close()
+    bench.screen.unplug()
+
+
+@pytest.fixture
+def slotted() -> Iterator[Bench]:
+    bench = Bench(slots=10)
+    yield bench
+    bench.tracker.close()
+    bench.screen.unplug()
+
+
+def test_before_the_first_touch_there_is_no_place(bench: Bench) -> None:
+    reading = bench.tracker.read()
+    assert reading.time_s == 1000.0
+    assert math.isnan(reading.position_x_m)
+    assert math.isnan(reading.position_y_m)
+    assert reading.touching is False
+
+
+def test_a_slide_is_followed_to_half_a_count(bench: Bench) -> None:
+    for i in range(100):
+        x_m, y_m = 0.01 + 0.0007 * i, 0.05 + 0.02 * math.sin(0.1 * i)
+        reading = bench.put(x_m, y_m)
+        assert reading.touching
+        assert reading.time_s == pytest.approx(bench.clock(), abs=1e-6)
+        assert reading.position_x_m == pytest.approx(x_m, abs=0.51 * COUNT_M)
+        assert reading.position_y_m == pytest.approx(y_m, abs=0.51 * COUNT_M)
+    reading = bench.lift()
+    assert not reading.touching
+    assert reading.position_x_m == pytest.approx(x_m, abs=0.51 * COUNT_M)
+
+
+def test_a_touch_where_the_last_one_ended_has_a_place(bench: Bench) -> None:
+    """The kernel does not repeat coordinates that did not change."""
+    bench.put(0.02, 0.03)
+    bench.lift()
+    reading = bench.put(0.02, 0.03)
+    assert (reading.touching, reading.position_x_m) == (True, pytest.approx(0.02))
+
+
+def test_a_straight_slide_keeps_the_other_coordinate(bench: Bench) -> None:
+    bench.put(0.02, 0.03)
+    reading = bench.put(0.04, 0.03)
+    assert reading[1:] == (pytest.approx(0.04), pytest.approx(0.03), True)
+
+
+def test_a_finger_at_rest_is_where_it_is_now(bench: Bench) -> None:
+    bench.put(0.02, 0.03)
+    touched_s = bench.clock()
+    bench.clock.sleep(0.04)
+    assert bench.tracker.read().time_s == pytest.approx(touched_s, abs=1e-6)
+    bench.clock.sleep(0.02)
+    assert bench.tracker.read() == (bench.clock(), pytest.approx(0.02), pytest.approx(0.03), True)
+    bench.clock.sleep(1.0)
+    assert bench.tracker.read().time_s == bench.clock()
+
+
+@given(st.lists(st.tuples(st.sampled_from(["put", "lift", "wait", "read"]), st.integers(0, 30)), max_size=60))
+def test_times_never_go_back(script: list[tuple[str, int]]) -> None:
+    bench = Bench(slots=3)
+    told_s = 0.0
+    for action, number in script:
+        bench.clock.sleep(0.001 * number)
+        if action == "put":
+            bench.screen.put(0.001 * number, 0.02, finger=number % 3)
+        elif action == "lift":
+            bench.screen.lift(finger=number % 3)
+        reading = bench.tracker.read()
+        assert told_s <= reading.time_s <= bench.clock() + 1e-6
+        told_s = reading.time_s
+    bench.tracker.close()
+    bench.screen.unplug()
+
+
+def test_a_second_finger_changes_nothing_until_the_first_lifts(slotted: Bench) -> None:
+    slotted.put(0.02, 0.03, finger=4)
+    assert slotted.put(0.09, 0.09, finger=1)[1:] == (pytest.approx(0.02), pytest.approx(0.03), True)
+    assert slotted.put(0.03, 0.03, finger=4).position_x_m == pytest.approx(0.03)
+    lifted = slotted.lift(finger=4)
+    assert lifted[1:] == (pytest.approx(0.03), pytest.approx(0.03), False)
+    assert slotted.put(0.091, 0.09, finger=1)[1:] == (pytest.approx(0.091), pytest.approx(0.09), True)
+    assert slotted.lift(finger=1).touching is False
+
+
+def test_dropped_events_end_a_touch_that_may_have_ended(bench: Bench) -> None:
+    bench.put(0.02, 0.03)
+    bench.screen.lose_events()
+    bench.lift()
+    bench.screen.find_events()
+    assert bench.tracker.read()[1:] == (pytest.approx(0.02), pytest.approx(0.03), False)
+    bench.clock.sleep(1.0)
+    assert bench.tracker.read().touching is False
+
+
+def test_after_dropped_events_a_finger_is_found_again_where_it_is(slotted: Bench) -> None:
+    slotted.put(0.02, 0.03)
+    slotted.screen.lose_events()
+    slotted.put(0.05, 0.06)
+    slotted.screen.find_events()
+    assert slotted.tracker.read().touching is False
+    assert slotted.put(0.07, 0.06).touching is False  # y is not known yet
+    assert slotted.put(0.07, 0.08)[1:] == (pytest.approx(0.07), pytest.approx(0.08), True)
+
+
+def test_after_dropped_events_one_finger_counts_from_its_next_touch() -> None:
+    bench = Bench(slots=0)
+    bench.put(0.02, 0.03)
+    bench.screen.lose_events()
+    bench.put(0.05, 0.06)
+    bench.screen.find_events()
+    assert bench.put(0.07, 0.08).touching is False
+    bench.lift()
+    assert bench.put(0.075, 0.085)[1:] == (pytest.approx(0.075), pytest.approx(0.085), True)
+    bench.tracker.close()
+    bench.screen.unplug()
+
+
+def test_an_unplugged_screen_is_an_error(bench: Bench) -> None:
+    bench.put(0.02, 0.03)
+    bench.screen.unplug()
+    for _ in range(2):
+        with pytest.raises(DeviceDisconnected, match="simulated touch screen is gone"):
+            bench.tracker.read()
+
+
+def test_a_kernel_error_is_an_unplugged_screen(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def gone(descriptor: int, count: int) -> bytes:
+        raise OSError(errno.ENODEV, "No such device")
+
+    monkeypatch.setattr(os, "read", gone)
+    with pytest.raises(DeviceDisconnected, match="No such device"):
+        bench.tracker.read()
+
+
+def test_a_closed_tracker_says_so(bench: Bench) -> None:
+    bench.tracker.close()
+    bench.tracker.close()
+    with pytest.raises(DeviceDisconnected, match="closed"):
+        bench.tracker.read()
+
+
+def test_a_long_backlog_is_read_in_one_go(bench: Bench) -> None:
+    for i in range(300):
+        bench.clock.sleep(0.01)
+        bench.screen.put(0.0001 * i, 0.0001 * i)
+    assert bench.tracker.read()[1:] == (pytest.approx(0.0299), pytest.approx(0.0299), True)
+
+
+def test_a_backlog_that_ran_over_ends_the_touch(bench: Bench) -> None:
+    for i in range(2000):
+        bench.clock.sleep(0.01)
+        bench.screen.put(0.0001 * i, 0.0001 * i)
+    bench.tracker.read()
+    assert bench.put(0.01, 0.01).touching is False
+    bench.put(0.02, 0.02)
+    bench.lift()
+    assert bench.put(0.03, 0.03)[1:] == (pytest.approx(0.03), pytest.approx(0.03), True)
+
+
+EVENT = struct.Struct("@llHHi")
+RECORDING = [  # as by evtest on a screen with slots: one touch at (100, 200), moved to (110, 200), lifted
+    (10, 0, 3, 0x39, 45), (10, 0, 3, 0x35, 100), (10, 0, 3, 0x36, 200), (10, 0, 1, 0x14A, 1), (10, 0, 0, 0, 0),
+    (10, 8000, 3, 0x35, 110), (10, 8000, 3, 0x00, 110), (10, 8000, 0, 0, 0),
+    (10, 16000, 3, 0x39, -1), (10, 16000, 1, 0x14A, 0), (10, 16000, 0, 0, 0),
+]  # fmt: skip
+
+
+@given(st.lists(st.integers(1, 60), max_size=40))
+def test_events_may_be_cut_anywhere(cuts: list[int]) -> None:
+    stream = b"".join(EVENT.pack(*event) for event in RECORDING)
+    events, seen = TouchEvents(lambda: 0), []
+    for cut in [*cuts, len(stream)]:
+        seen.append(events.feed(stream[:cut]))
+        stream = stream[cut:]
+    told = [report for report in seen if report is not None]
+    assert told[-1] == (10.016, 110, 200, False)
+    assert set(told) <= {(10.0, 100, 200, True), (10.008, 110, 200, True), (10.016, 110, 200, False)}
+
+
+@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 0x40) | st.just(0x14A), st.integers(-(2**31), 2**31 - 1))))
+def test_senseless_events_break_nothing(events: list[tuple[int, int, int]]) -> None:
+    stream = b"".join(EVENT.pack(1, 2, *event) for event in events)
+    for slots in (None, lambda: 0):
+        touch = TouchEvents(slots)
+        touch.feed(stream)
+        touch.feed(EVENT.pack(1, 2, 0, 0, 0))
+
+
+def test_the_codes_are_those_of_evdev() -> None:
+    evdev = pytest.importorskip("evdev", reason="evdev is not installed")
+    codes = evdev.ecodes
+    assert (codes.EV_SYN, codes.EV_KEY, codes.EV_ABS) == (0, 1, 3)
+    assert (codes.SYN_REPORT, codes.SYN_DROPPED, codes.BTN_TOUCH) == (0, 3, 0x14A)
+    assert (codes.ABS_X, codes.ABS_Y) == (0, 1)
+    assert (codes.ABS_MT_SLOT, codes.ABS_MT_POSITION_X, codes.ABS_MT_POSITION_Y) == (0x2F, 0x35, 0x36)
+    assert codes.ABS_MT_TRACKING_ID == 0x39
+
+
+def test_evdev_missing_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "evdev", None)
+    with pytest.raises(DeviceError) as failure:
+        open_touch_screen("/dev/input/event0", CALIBRATION)
+    assert "haptic-driver[touch]" in failure.value.hint
+
+
+@pytest.mark.parametrize("path", ["/dev/input/no-such-event", "/dev/null"])
+def test_what_is_no_event_device_is_refused(path: str) -> None:
+    pytest.importorskip("evdev", reason="evdev is not installed")
+    with pytest.raises(DeviceDisconnected, match=path):
+        open_touch_screen(path, CALIBRATION)
+
+
+@pytest.mark.parametrize("fails_at", ["ioctl", "capabilities", "absinfo", "no touch screen"])
+def test_a_device_that_cannot_be_taken_is_let_go_and_said_to_be_gone(
+    monkeypatch: pytest.MonkeyPatch, fails_at: str
+) -> None:
+    class Device:
+        fd, name, closed = -1, "pad", False
+
+        def __init__(self, path: str, *, readonly: bool) -> None:
+            made.append(self)
+
+        def capabilities(self, *, absinfo: bool) -> dict[int, list[int]]:
+            unplugged("capabilities")
+            return {} if fails_at == "no touch screen" else {3: [0x2F, 0x35, 0x36, 0x39]}
+
+        def absinfo(self, code: int) -> None:
+            unplugged("absinfo")
+
+        def close(self) -> None:
+            self.closed = True
+
+    def unplugged(where: str) -> None:
+        if where == fails_at:
+            raise OSError(19, "No such device")
+
+    made: list[Device] = []
+    monkeypatch.setitem(sys.modules, "evdev", SimpleNamespace(InputDevice=Device))
+    monkeypatch.setattr("hw.finger.touch_screen.fcntl.ioctl", lambda *_: unplugged("ioctl"))
+    with pytest.raises(BadReply if fails_at == "no touch screen" else DeviceDisconnected, match="/dev/input/event0"):
+        open_touch_screen("/dev/input/event0", CALIBRATION)
+    assert [device.closed for device in made] == [True]
+
+
+@pytest.mark.skipif(not os.access("/dev/uinput", os.W_OK), reason="needs a writable /dev/uinput")
+def test_a_real_event_device() -> None:
+    evdev = pytest.importorskip("evdev", reason="evdev is not installed")
+    codes = evdev.ecodes
+    axis = evdev.AbsInfo(value=0, min=0, max=4095, fuzz=0, flat=0, resolution=20)
+    with evdev.UInput(
+        {codes.EV_ABS: [(codes.ABS_X, axis), (codes.ABS_Y, axis)], codes.EV_KEY: [codes.BTN_TOUCH]}
+    ) as pad:
+        time.sleep(0.5)  # for the device node to appear
+        tracker = open_touch_screen(pad.device.path, CALIBRATION)
+        before_s = time.monotonic()
+        for code, value in ((codes.ABS_X, 150), (codes.ABS_Y, 2900)):
+            pad.write(codes.EV_ABS, code, value)
+        pad.write(codes.EV_KEY, codes.BTN_TOUCH, 1)
+        pad.syn()
+        reading = tracker.read()
+        assert reading[1:] == (pytest.approx(0.005), pytest.approx(0.005), True)
+        assert before_s - 1e-3 <= reading.time_s <= time.monotonic()
+        tracker.close()
+
+
+def test_uinput_without_touch_is_refused() -> None:
+    if not os.access("/dev/uinput", os.W_OK):
+        pytest.skip("needs a writable /dev/uinput")
+    evdev = pytest.importorskip("evdev", reason="evdev is not installed")
+    with evdev.UInput({evdev.ecodes.EV_KEY: [evdev.ecodes.KEY_A]}) as keyboard:
+        time.sleep(0.5)
+        with pytest.raises(BadReply, match="no touch screen"):
+            open_touch_screen(keyboard.device.path, CALIBRATION)
+
+
+def test_calibration_is_recovered_from_points() -> None:
+    """A turned, sheared and mirrored screen, by a map written down here."""
+    raw = np.array([[200.0, 300.0], [3900.0, 250.0], [3800.0, 2900.0], [150.0, 3000.0], [2000.0, 1500.0]])
+    place = np.column_stack([5e-5 * raw[:, 0] + 2e-6 * raw[:, 1] + 0.003, -4e-5 * raw[:, 1] + 1e-6 * raw[:, 0] + 0.11])
+    fitted = fit_calibration(raw, place, TODAY)
+    assert fitted.matrix_m[0] == pytest.approx((5e-5, 2e-6, 0.003), rel=1e-9)
+    assert fitted.matrix_m[1] == pytest.approx((1e-6, -4e-5, 0.11), rel=1e-9)
+    assert fitted.residual_m == pytest.approx(0.0, abs=1e-12)
+    assert (fitted.measured_on, fitted.placeholder) == (TODAY, False)
+    assert fitted.apply(1000, 1000) == pytest.approx((0.05 + 0.002 + 0.003, -0.04 + 0.001 + 0.11))
+
+
+def test_the_residual_says_how_badly_points_agree() -> None:
+    """One corner of a square off by 4 d in x: the affine part takes 3/4, each corner keeps d."""
+    raw = np.array([[0.0, 0.0], [1000.0, 0.0], [0.0, 1000.0], [1000.0, 1000.0]])
+    place = raw * 1e-4
+    place[3, 0] += 0.004
+    assert fit_calibration(raw, place, TODAY).residual_m == pytest.approx(0.001)
+    assert fit_calibration(raw[1:], place[1:], TODAY).residual_m is None
+
+
+@pytest.mark.parametrize(
+    ("raw", "place"),
+    [
+        ([[0, 0], [1, 1]], [[0, 0], [1, 1]]),
+        ([[0, 0], [1000, 1000], [2000, 2000]], [[0, 0], [1, 0], [0, 1]]),
+        ([[5, 5], [5, 5], [5, 5]], [[0, 0], [1, 0], [0, 1]]),
+        ([[0, 0], [1000, 0], [0, 1000]], [[0, 0], [0.1, 0], [0.2, 0]]),  # places on a line
+        ([[0, 0], [1000, 0], [0, math.nan]], [[0, 0], [0.1, 0], [0, 0.1]]),
+        ([[0, 0], [1000, 0], [0, math.inf]], [[0, 0], [0.1, 0], [0, 0.1]]),
+        ([[0, 0], [1000, 0], [0, 1000]], [[0, 0], [0.1, 0]]),
+    ],
+)
+def test_points_that_tell_no_map_are_refused(raw: list[list[float]], place: list[list[float]]) -> None:
+    with pytest.raises(ValueError, match=r"give \[n, 2\]|points|maps"):
+        fit_calibration(np.array(raw), np.array(place), TODAY)
+
+
+def test_a_touch_screen_keeps_the_protocol_of_trackers(slotted: Bench) -> None:
+    tracker: FingerTracker = slotted.tracker
+    assert isinstance(tracker.read(), FingerReading)
+
+
+@pytest.mark.parametrize(("slots", "axes"), [(True, (0x35, 0x36)), (False, (0x00, 0x01))])
+def test_an_opened_screen_tells_counts_and_the_range_of_its_axes(
+    monkeypatch: pytest.MonkeyPatch, slots: bool, axes: tuple[int, int]
+) -> None:
+    clock = ManualClock(1000.0)
+    screen = SimulatedTouchScreen(Panel(), slots=10 if slots else 0, clock=clock)
+    ranges = dict(zip(axes, ((50, 4050), (0, 3000)), strict=True))
+
+    class Device:
+        fd, name = screen.descriptor, "pad"
+
+        def __init__(self, path: str, *, readonly: bool) -> None:
+            assert (path, readonly) == ("/dev/input/event0", True)
+
+        def capabilities(self, *, absinfo: bool) -> dict[int, list[int]]:
+            return {3: [0x2F, 0x35, 0x36, 0x39]} if slots else {1: [0x14A], 3: [0, 1]}
+
+        def absinfo(self, code: int) -> SimpleNamespace:
+            if code == 0x2F:
+                return SimpleNamespace(value=screen.current_slot())
+            return SimpleNamespace(value=0, min=ranges[code][0], max=ranges[code][1])
+
+        def close(self) -> None:
+            os.close(screen.descriptor)
+
+    monkeypatch.setitem(sys.modules, "evdev", SimpleNamespace(InputDevice=Device))
+    monkeypatch.setattr("hw.finger.touch_screen.fcntl.ioctl", lambda *_: 0)
+    reports = open_touch_reports("/dev/input/event0")
+    assert reports.span_raw == (4000, 3000)
+    assert reports.read() == (-math.inf, 0, 0, False)
+    screen.put(0.010, 0.050)
+    assert reports.read() == RawTouch(clock(), 250, 2000, True)
+    reports.close()
+    screen.unplug()
+    with pytest.raises(DeviceDisconnected, match="is closed"):
+        reports.read()

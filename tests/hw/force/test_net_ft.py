@@ -1,0 +1,295 @@
+"""The Net F/T client against the simulated box and against bytes written by hand."""
+
+from __future__ import annotations
+
+import math
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
+from hw.force.ati_calibration import BadCalibration
+from hw.force.net_ft import NetFt, NetFtScale, NetFtSettings
+from hw.force.net_ft_server import NetFtServer, RdtFault
+from hw.force.sensor import ForceAxes
+from tests.waiting import HANG_S, until
+
+LOAD = (0.3, -0.1, -0.5, 0.01, 0.02, -0.03)
+
+
+def client_of(port: int, **kwargs: Any) -> NetFt:
+    clock = kwargs.pop("clock", time.monotonic)
+    given: dict[str, Any] = {"timeout_s": 2.0, "scale": NetFtScale(1e6, 1e6)}
+    return NetFt(
+        NetFtSettings(host="127.0.0.1", port=port, axes=ForceAxes(normal="-z", lateral="x"), **(given | kwargs)),
+        clock=clock,
+    )
+
+
+def read_until(client: NetFt, done: Callable[[], bool]) -> None:
+    until(lambda: client.read() and done(), lambda: client.counters)
+
+
+@pytest.fixture
+def box() -> Iterator[NetFtServer]:
+    with NetFtServer(lambda: LOAD) as server:
+        yield server
+
+
+@pytest.fixture
+def client(box: NetFtServer) -> Iterator[NetFt]:
+    device = client_of(box.port)
+    device.open()
+    yield device
+    device.close()
+
+
+def test_a_reading_is_the_load_seen_from_the_screen(client: NetFt) -> None:
+    reading = client.read()
+    assert reading[1:] == (pytest.approx(0.5), pytest.approx(0.3), False)
+    wrench = client.read_wrench()
+    assert wrench.force_n == pytest.approx(LOAD[:3])
+    assert wrench.torque_n_m == pytest.approx(LOAD[3:])
+
+
+def test_the_bytes_on_the_wire_are_those_of_the_protocol() -> None:
+    """A box of eight lines, packed by hand: what is asked, and what its answer means."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as box:
+        box.bind(("127.0.0.1", 0))
+        box.settimeout(HANG_S)
+        asked: list[bytes] = []
+
+        def answer() -> None:
+            request, source = box.recvfrom(100)
+            asked.append(request)
+            counts = b"\x00\x00\x03\xe8" + b"\xff\xff\xff\xff" + b"\xff\xff\xf6\x3c" + b"\x00\x00\x00\x0a" * 3
+            box.sendto(b"\x00\x00\x00\x07" + b"\x00\x00\x00\x09" + bytes(4) + counts, source)
+            asked.append(box.recvfrom(100)[0])
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        device = client_of(box.getsockname()[1], scale=NetFtScale(1e3, 1e2))
+        device.open()
+        wrench = device.read_wrench()
+        device.close()
+        thread.join(HANG_S)
+    assert asked == [bytes.fromhex("1234000200000000"), bytes.fromhex("1234000000000000")]
+    assert wrench.force_n == (1.0, -0.001, -2.5)
+    assert wrench.torque_n_m == (0.1, 0.1, 0.1)
+
+
+def test_the_simulated_box_answers_a_client_written_by_hand(box: NetFtServer) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plain:
+        plain.settimeout(HANG_S)
+        for wrong in (b"", b"\x12\x34", bytes.fromhex("4321000200000000"), bytes.fromhex("1234000200000000ff")):
+            plain.sendto(wrong, (box.host, box.port))
+        plain.sendto(bytes.fromhex("1234000200000003"), (box.host, box.port))
+        records = [struct.unpack(">3I6i", plain.recv(100)) for _ in range(3)]
+        plain.settimeout(0.1)
+        with pytest.raises(TimeoutError):
+            plain.recv(100)  # three were asked for
+    assert [record[0] for record in records] == [1, 2, 3]
+    assert records[0][2:] == (0, 300000, -100000, -500000, 10000, 20000, -30000)
+
+
+def test_closing_stops_the_stream_even_when_the_first_request_is_lost(box: NetFtServer) -> None:
+    device = client_of(box.port)
+    device.open()
+    assert box.streaming
+    real, lost = device._send, []
+
+    def lossy(command: Any) -> None:
+        if lost:
+            real(command)
+        lost.append(command)
+
+    device._send = lossy  # type: ignore[method-assign]
+    device.close()
+    device.close()
+    until(lambda: not box.streaming)
+    with pytest.raises(DeviceDisconnected, match="not open"):
+        device.read()
+
+
+@pytest.mark.parametrize(
+    ("fault", "counter", "also_missed"),
+    [
+        (RdtFault.DROP, "missed", 0),
+        (RdtFault.DUPLICATE, "duplicated", 0),
+        (RdtFault.FROZEN, "frozen", 0),
+        (RdtFault.WRONG_SOURCE, "wrong_source", 3),
+        (RdtFault.WRONG_LENGTH, "wrong_length", 3),
+    ],
+)
+def test_each_fault_is_counted_and_its_record_is_not_taken(
+    box: NetFtServer, client: NetFt, fault: RdtFault, counter: str, also_missed: int
+) -> None:
+    box.inject(fault, count=3)
+    read_until(client, lambda: getattr(client.counters, counter) >= 3)
+    accepted = client.counters.accepted
+    read_until(client, lambda: client.counters.accepted > accepted)
+    assert getattr(client.counters, counter) == 3
+    if also_missed:
+        assert client.counters.missed == also_missed
+    assert client.read()[1:] == (pytest.approx(0.5), pytest.approx(0.3), False)
+
+
+def test_a_late_record_is_not_taken(box: NetFtServer, client: NetFt) -> None:
+    box.inject(RdtFault.REORDER)
+    read_until(client, lambda: client.counters.out_of_order >= 1)
+    assert (client.counters.out_of_order, client.counters.missed) == (1, 1)
+
+
+def test_the_sequence_may_wrap(box: NetFtServer) -> None:
+    box.set_sequence((1 << 32) - 20)
+    device = client_of(box.port)
+    device.open()
+    read_until(device, lambda: device.counters.accepted > 60)
+    assert (device.counters.missed, device.counters.out_of_order) == (0, 0)
+    device.close()
+
+
+def test_a_bad_status_marks_the_reading(box: NetFtServer, client: NetFt) -> None:
+    box.inject(RdtFault.BAD_STATUS, count=math.inf)
+    read_until(client, lambda: client.status_raw != 0)
+    assert client.read().saturated
+    assert client.status_raw == 0x80020000
+    box.heal()
+    read_until(client, lambda: client.status_raw == 0)
+    assert not client.read().saturated
+
+
+def test_ignored_status_bits_do_not_mark_the_reading_and_the_latch_can_be_reset(box: NetFtServer) -> None:
+    box.status_raw = 0x00010000
+    device = client_of(box.port, ignored_status=0x00010000)
+    device.open()
+    assert not device.read().saturated
+    assert device.status_raw == 0x00010000
+    device.reset_latch()
+    read_until(device, lambda: device.status_raw == 0)
+    device.close()
+
+
+@pytest.mark.parametrize("fault", [RdtFault.SILENCE, RdtFault.FROZEN, RdtFault.WRONG_SOURCE])
+def test_without_news_the_old_reading_keeps_its_time_and_then_is_an_error(box: NetFtServer, fault: RdtFault) -> None:
+    offset_s = [0.0]
+    device = client_of(box.port, clock=lambda: time.monotonic() + offset_s[0], timeout_s=0.5)
+    device.open()
+    box.inject(fault, count=math.inf)
+    time.sleep(0.05)  # what was under way arrives
+    old = device.read()
+    assert device.read() == old  # the same time
+    offset_s[0] = 0.6
+    with pytest.raises(DeviceTimeout, match="no usable record"):
+        device.read()
+    box.heal()
+    assert device.read().time_s > old.time_s
+    device.close()
+
+
+def test_what_piled_up_while_nobody_looked_is_not_taken_for_new() -> None:
+    force_n, offset_s = [1.0], [0.0]
+    with NetFtServer(lambda: (0.0, 0.0, -force_n[0], 0.0, 0.0, 0.0), rate_hz=None) as box:
+        device = client_of(box.port, clock=lambda: time.monotonic() + offset_s[0], timeout_s=0.3)
+
+        def first() -> None:
+            until(lambda: box.streaming)
+            box.emit(1)
+
+        emitter = threading.Thread(target=first)
+        emitter.start()
+        device.open()
+        emitter.join(HANG_S)
+        box.emit(50)
+        time.sleep(0.02)
+        offset_s[0] = 10.0
+        with pytest.raises(DeviceTimeout):
+            device.read()
+        assert device.counters.accepted == 51
+        force_n[0] = 2.0
+        box.emit(1)
+        assert device.read().normal_force_n == pytest.approx(2.0)
+        device.close()
+
+
+def test_a_software_bias_is_confirmed_by_the_stream(box: NetFtServer, client: NetFt) -> None:
+    client.take_bias()
+    assert client.read_wrench().force_n == pytest.approx((0.0, 0.0, 0.0))
+
+
+def test_a_bias_that_was_not_taken_is_an_error() -> None:
+    loads = iter([LOAD, LOAD])  # the bias is another load than what follows
+    with NetFtServer(lambda: next(loads, (5.0, 0.0, 0.0, 0.0, 0.0, 0.0)), rate_hz=500.0) as box:
+        device = client_of(box.port, bias_timeout_s=0.2)
+        device.open()
+        box._handle = lambda request, client: None  # type: ignore[method-assign]  # from now on it is deaf
+        with pytest.raises(BadReply, match="still reads"):
+            device.take_bias()
+        device.close()
+
+
+def test_a_box_that_is_not_there_is_a_timeout() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+        silent.bind(("127.0.0.1", 0))
+        device = client_of(silent.getsockname()[1], timeout_s=0.05)
+        with pytest.raises(DeviceTimeout):
+            device.open()
+    with pytest.raises(DeviceDisconnected, match="not open"):
+        device.read()
+
+
+def test_an_impossible_host_is_refused() -> None:
+    device = NetFt(NetFtSettings(host="x" * 300, scale=NetFtScale(1.0, 1.0), axes=ForceAxes("z", "x")))
+    with pytest.raises(DeviceDisconnected, match="no such host"):
+        device.open()
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"scale": NetFtScale(0.0, 1.0)},
+        {"scale": NetFtScale(1.0, float("nan"))},
+        {"timeout_s": 0.0},
+        {"timeout_s": float("inf")},
+        {"bias_tolerance_n": 0.0},
+        {"bias_timeout_s": -1.0},
+        {"port": 0},
+        {"port": 65536},
+    ],
+)
+def test_impossible_settings_are_refused(bad: dict[str, Any]) -> None:
+    good = {"host": "127.0.0.1", "scale": NetFtScale(1.0, 1.0), "axes": ForceAxes("z", "x")}
+    with pytest.raises(ValueError, match="must be > 0"):
+        NetFtSettings(**(good | bad))
+
+
+def xml(counts: str = "1000000", unit: str = "N") -> bytes:
+    return (
+        f"<netft><prodname>Net F/T</prodname><cfgcpf>{counts}</cfgcpf><cfgcpt>500</cfgcpt>"
+        f"<scfgfu>{unit}</scfgfu><scfgtu>N-mm</scfgtu></netft>"
+    ).encode()
+
+
+def test_the_scale_is_read_from_the_box_in_si() -> None:
+    assert NetFtScale.from_xml(xml(), "box") == (1e6, pytest.approx(5e5))
+    assert NetFtScale.from_xml(xml(unit="kN"), "box").counts_per_n == pytest.approx(1e3)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"<html>", "not XML"),
+        (b"<netft/>", "no <scfgfu>"),
+        (xml(counts="0"), "not a count"),
+        (xml(counts="1e6"), "not a count"),
+        (xml(unit="stone"), "unknown unit"),
+    ],
+)
+def test_a_wrong_configuration_page_says_what_is_wrong(content: bytes, says: str) -> None:
+    with pytest.raises(BadCalibration, match=says):
+        NetFtScale.from_xml(content, "box")

@@ -1,0 +1,512 @@
+"""The 33220A driver by exact bytes on the wire."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from hw.errors import BadReply, InstrumentRejected, LimitExceeded
+from hw.generator.agilent_33220a.driver import (
+    Agilent33220A,
+    ArbitraryWaveform,
+    Burst,
+    ExternalModulation,
+    GeneratorSettings,
+    InternalModulation,
+    ModulationInput,
+    RangePolicy,
+    Shape,
+    TriggerSource,
+)
+from hw.testing.memory import MemoryTransport
+
+# 100 V at the electrode per volt at the generator: 1 Vpp is 50 V peak.
+SETTINGS = GeneratorSettings(
+    volts_per_volt=100.0, voltage_limit_v=300.0, frequency_low_hz=10.0, frequency_high_hz=10e3, reply_timeout_s=1.0
+)
+IDENTIFY = (b"*IDN?\n", b"Agilent Technologies,33220A,MY1,2.02-2.02-22-2\n")
+SWITCH_OFF = (b"OUTP 0;*RST;*CLS;:OUTP?\n", b"0\n")
+STATE_QUERIES = b"FUNC?;:FREQ?;:VOLT?;:VOLT:OFFS?;:VOLT:UNIT?;:OUTP:LOAD?;:AM:STAT?;:SYST:ERR?\n"
+SET_UP_LINE = (
+    b"VOLT MIN;:VOLT:OFFS 0;:AM:STAT 0;:BURS:STAT 0;:OUTP:LOAD INF;:VOLT:UNIT VPP;:FUNC SIN;:VOLT MIN;:VOLT:OFFS 0;"
+    b":FREQ 10;:VOLT:RANG:AUTO?;:OUTP?;:" + STATE_QUERIES
+)
+MINIMUM = b'SIN;+1.0E+01;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;+0,"No error"\n'
+SET_UP = (SET_UP_LINE, b"1;0;" + MINIMUM)
+FIX_RANGE = (
+    b"OUTP 0;:VOLT 6;:VOLT:RANG:AUTO OFF;:VOLT MIN;:VOLT:RANG:AUTO?;:OUTP?;:" + STATE_QUERIES,
+    b"0;0;" + MINIMUM,
+)
+SET_UP_AGAIN = (SET_UP_LINE, b"0;0;" + MINIMUM)
+BASE = (
+    b"OUTP 0;:VOLT MIN;:VOLT:OFFS 0;:AM:STAT 0;:BURS:STAT 0;:FUNC SIN;:VOLT MIN;:VOLT:OFFS 0;:FREQ 10;:OUTP?;:"
+    + STATE_QUERIES,
+    b"0;" + MINIMUM,
+)
+
+
+def levels(
+    commands: bytes,
+    frequency: bytes,
+    amplitude: bytes,
+    error: bytes = b'+0,"No error"',
+    *,
+    offset: bytes = b"0",
+    function: bytes = b"SIN",
+    modulated: bytes = b"0",
+) -> tuple[bytes, bytes]:
+    """Commands with all state asked in the same line, and an answer of these values with all else in order."""
+    asked = commands + b";:" + STATE_QUERIES if commands else STATE_QUERIES
+    values = (function, frequency, amplitude, offset, b"VPP", b"+9.9E+37", modulated, error)
+    return asked, b";".join(values) + b"\n"
+
+
+OFF = (b"VOLT MIN;:VOLT:OFFS 0;:OUTP 0;:OUTP?\n", b"0\n")
+NO_ERROR = (b"SYST:ERR?\n", b'+0,"No error"\n')
+
+
+class Script:
+    """An instrument that expects exactly these messages."""
+
+    def __init__(self, *pairs: tuple[bytes, bytes]) -> None:
+        self.pairs = list(pairs)
+
+    def handle(self, data: bytes) -> bytes:
+        assert self.pairs, f"unexpected {data!r}"
+        expected, answer = self.pairs.pop(0)
+        assert data == expected
+        return answer
+
+
+def connected(*pairs: tuple[bytes, bytes], settings: GeneratorSettings = SETTINGS) -> tuple[Agilent33220A, Script]:
+    script = Script(IDENTIFY, SWITCH_OFF, SET_UP, FIX_RANGE, *pairs)
+    driver = Agilent33220A(MemoryTransport(script, resource="GEN"), settings)
+    driver.connect()
+    return driver, script
+
+
+def test_connect_switches_off_and_sets_up_and_reads_all_of_it_back() -> None:
+    _, script = connected()
+    assert not script.pairs
+
+
+def test_a_set_point_is_one_round_trip_and_sends_only_what_changed() -> None:
+    driver, script = connected(
+        levels(b"FREQ 250;:VOLT 1.2", b"+2.5E+02", b"+1.2000000000000E+00"),
+        levels(b"FREQ 300", b"+3.0E+02", b"+1.2000000000000E+00"),
+        levels(b"VOLT 2", b"300", b"2.0E0"),
+    )
+    driver.set_point(250.0, 60.0)
+    driver.set_point(300.0, 60.0)
+    driver.set_point(300.0, 100.0)
+    driver.set_point(300.0, 100.0)
+    assert not script.pairs
+
+
+def test_a_rising_voltage_goes_last_and_a_falling_one_first() -> None:
+    driver, script = connected(
+        levels(b"FREQ 250;:VOLT 4", b"250", b"+4.0E+00"),
+        levels(b"VOLT 1;:FREQ 5000", b"5E3", b"+1.0E+00"),
+        levels(b"FREQ 250;:VOLT 4", b"250", b"+4.0E+00"),
+    )
+    driver.set_point(250.0, 200.0)
+    driver.set_point(5000.0, 50.0)
+    driver.set_point(250.0, 200.0)
+    assert not script.pairs
+
+
+def test_output_is_switched_and_read_back() -> None:
+    driver, script = connected(
+        levels(b"", b"10", b"+2.0E-02"),
+        (b"OUTP 1;:OUTP?;:SYST:ERR?\n", b'1;+0,"No error"\n'),
+        (b"OUTP?\n", b"1\n"),
+        (b"OUTP 0;:OUTP?;:SYST:ERR?\n", b'0;+0,"No error"\n'),
+        (b"OUTP?\n", b"0\n"),
+    )
+    driver.set_output(True)
+    assert driver.read_output() is True
+    driver.set_output(False)
+    assert driver.read_output() is False
+    assert not script.pairs
+
+
+def test_an_output_that_does_not_follow_is_an_error() -> None:
+    driver, _ = connected(levels(b"", b"10", b"+2.0E-02"), (b"OUTP 1;:OUTP?;:SYST:ERR?\n", b'0;+0,"No error"\n'))
+    with pytest.raises(BadReply, match="GEN has its output off"):
+        driver.set_output(True)
+
+
+def test_off_is_amplitude_down_then_output_off_then_evidence() -> None:
+    driver, script = connected(OFF)
+    assert driver.off() is True
+    assert not script.pairs
+
+
+def test_off_tries_twice_and_says_so_when_the_output_stays_on() -> None:
+    driver, script = connected((OFF[0], b"1\n"), (b"OUTP 0;:OUTP?\n", b"1\n"))
+    assert driver.off() is False
+    assert not script.pairs
+
+
+def test_close_switches_off_first() -> None:
+    driver, script = connected(OFF)
+    assert driver.close() is True
+    assert not script.pairs
+
+
+@pytest.mark.parametrize(
+    ("frequency_hz", "voltage_v"),
+    [
+        (250.0, 300.001),
+        (250.0, math.nan),
+        (250.0, math.inf),
+        (250.0, -10.0),
+        (250.0, 0.0),
+        (250.0, 0.999),  # below 10 mV peak at the generator
+        (math.nan, 60.0),
+        (math.inf, 60.0),
+        (9.99, 60.0),
+        (10001.0, 60.0),
+        (-250.0, 60.0),
+    ],
+)
+def test_limits_are_refused_before_any_byte_is_written(frequency_hz: float, voltage_v: float) -> None:
+    driver, _ = connected()
+    with pytest.raises(LimitExceeded, match=r"GEN: .* nothing was sent"):
+        driver.set_point(frequency_hz, voltage_v)
+
+
+def test_the_generator_has_a_limit_too() -> None:
+    small_gain = GeneratorSettings(2.0, 300.0, 10.0, 10e3)
+    driver = Agilent33220A(MemoryTransport(Script()), small_gain)
+    with pytest.raises(LimitExceeded):
+        driver.set_point(250.0, 21.0)  # more than 10 V peak from the generator
+
+
+def test_the_minimum_voltage_can_be_set() -> None:
+    driver, script = connected(levels(b"FREQ 250", b"250", b"+2.0E-02"))
+    assert driver.minimum_voltage_v == pytest.approx(1.0)
+    driver.set_point(250.0, driver.minimum_voltage_v)
+    assert not script.pairs
+
+
+def test_an_instrument_error_is_raised_the_queue_emptied_the_output_off_and_everything_sent_again() -> None:
+    driver, script = connected(
+        levels(b"FREQ 250;:VOLT 1.2", b"250", b"+1.2E+00", b'-222,"Data out of range; value clipped to upper limit"'),
+        (b"SYST:ERR?\n", b'-221,"Settings conflict"\n'),
+        NO_ERROR,
+        OFF,
+        SET_UP_AGAIN,
+        levels(b"FREQ 250;:VOLT 1.2", b"250", b"+1.2E+00"),
+    )
+    with pytest.raises(InstrumentRejected, match=r"GEN .*-222.*-221"):
+        driver.set_point(250.0, 60.0)
+    driver.set_point(250.0, 60.0)
+    assert not script.pairs
+
+
+@pytest.mark.parametrize(
+    ("shown", "accepted"),
+    [
+        (b"+1.2000000000000E+00", True),
+        (b"1.2", True),
+        (b"+1.20100E0", True),  # within 0.1 %
+        (b"+1.2020E+00", False),
+        (b"+6.0000000000000E-01", False),  # someone set LOAD 50
+        (b"NAN", False),
+        (b"", False),
+        (b"1.2 V", False),
+        (b"1_2", False),
+    ],
+)
+def test_the_amplitude_read_back_must_agree(shown: bytes, accepted: bool) -> None:
+    driver, script = connected(levels(b"FREQ 250;:VOLT 1.2", b"250", shown))
+    if accepted:
+        driver.set_point(250.0, 60.0)
+    else:
+        script.pairs.append(OFF)
+        with pytest.raises(BadReply, match="GEN"):
+            driver.set_point(250.0, 60.0)
+
+
+def test_a_small_amplitude_may_be_off_by_its_last_digit() -> None:
+    driver, _ = connected(levels(b"FREQ 250;:VOLT 0.03", b"250", b"+3.01E-02"))
+    driver.set_point(250.0, 1.5)
+
+
+@pytest.mark.parametrize("identity", [b"Agilent Technologies,33250A,MY1,1.0\n", b"133220A\n", b"?\n", b";\n", b"\n"])
+def test_another_instrument_is_refused_and_left_alone(identity: bytes) -> None:
+    script = Script((b"*IDN?\n", identity))
+    with pytest.raises(BadReply, match="MEMORY::0"):
+        Agilent33220A(MemoryTransport(script), SETTINGS).connect()
+
+
+@pytest.mark.parametrize(
+    ("answer", "switched_off"),
+    [
+        (b'1;0;SIN;10;+2.0E-02;+0.0E+00;VPP;+5.0000000000000E+01;0;+0,"No error"\n', 2),
+        (b'1;0;SIN;10;+2.0E-02;+0.0E+00;VRMS;+9.9E+37;0;+0,"No error"\n', 2),
+        (b'1;0;SIN;10;+2.0E-02;+1.0E+00;VPP;+9.9E+37;0;+0,"No error"\n', 2),
+        (b'1;0;SIN;10;+1.0E-01;+0.0E+00;VPP;+9.9E+37;0;+0,"No error"\n', 2),
+        (b'1;0;SIN;1000;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;+0,"No error"\n', 2),
+        (b'1;0;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;1;+0,"No error"\n', 2),
+        (b'1;0;SQU;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;+0,"No error"\n', 2),
+        (b'1;1;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;+0,"No error"\n', 2),
+        (b'1;0;SIN;10;+2.0E-02;+0.0E+00;VPP;0;+0,"No error"\n', 1),
+    ],
+)
+def test_a_set_up_that_did_not_take_is_refused_and_switched_off(answer: bytes, switched_off: int) -> None:
+    script = Script(IDENTIFY, SWITCH_OFF, (SET_UP_LINE, answer), *[OFF] * switched_off)
+    with pytest.raises(BadReply):
+        Agilent33220A(MemoryTransport(script), SETTINGS).connect()
+    assert not script.pairs
+
+
+def test_switching_on_before_anything_is_known_sets_up_the_minimum_first() -> None:
+    driver, script = connected(
+        (b"OUTP?\n", b"maybe\n"),
+        SET_UP_AGAIN,
+        levels(b"", b"10", b"0.02"),
+        (b"OUTP 1;:OUTP?;:SYST:ERR?\n", b'1;+0,"No error"\n'),
+    )
+    assert driver.read_output() is None
+    driver.set_output(True)
+    assert not script.pairs
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"volts_per_volt": 0.0},
+        {"voltage_limit_v": -1.0},
+        {"voltage_limit_v": math.nan},
+        {"reply_timeout_s": math.inf},
+        {"frequency_low_hz": 20e3},
+        {"frequency_high_hz": 30e6},
+    ],
+)
+def test_senseless_settings_are_refused(change: dict[str, float]) -> None:
+    values = {"volts_per_volt": 100.0, "voltage_limit_v": 300.0, "frequency_low_hz": 10.0, "frequency_high_hz": 1e4}
+    with pytest.raises(ValueError, match="generator"):
+        GeneratorSettings(**(values | change))
+
+
+OUTPUT_IS_OFF, OUTPUT_IS_ON = (b"OUTP?\n", b"0\n"), (b"OUTP?\n", b"1\n")
+ERROR_FREE = b';+0,"No error"\n'
+WITH_AM = replace(SETTINGS, modulation_input=ModulationInput(full_scale_v=5.0, amplitude_at_full_scale=2.0))
+
+
+def exchange(commands: bytes, answers: bytes) -> tuple[bytes, bytes]:
+    return commands + b";:SYST:ERR?\n", answers + ERROR_FREE
+
+
+def test_a_square_is_set_up_with_the_output_off_which_comes_back_on() -> None:
+    driver, script = connected(
+        OUTPUT_IS_ON,
+        BASE,
+        exchange(b"FUNC SQU;:FUNC?", b"SQU"),
+        levels(b"FREQ 250;:VOLT 1.2", b"250", b"1.2", function=b"SQU"),
+        levels(b"", b"250", b"1.2", function=b"SQU"),
+        exchange(b"OUTP 1;:OUTP?", b"1"),
+    )
+    driver.set_point(250.0, 60.0, waveform=Shape.SQUARE)
+    assert not script.pairs
+
+
+def test_a_constant_voltage_is_an_offset_without_frequency() -> None:
+    without_frequency = STATE_QUERIES.replace(b":FREQ?;", b"")
+    driver, script = connected(
+        OUTPUT_IS_OFF,
+        BASE,
+        exchange(b"FUNC DC;:FUNC?", b"DC"),
+        (b"VOLT:OFFS -0.4;:" + without_frequency, b"DC;0.02;-0.4;VPP;9.9E37;0" + ERROR_FREE),
+    )
+    driver.set_point(0.0, 60.0, -100.0, waveform=Shape.DC)
+    assert not script.pairs
+
+
+def test_offset_before_a_rising_amplitude_and_after_a_falling_one() -> None:
+    driver, script = connected(
+        levels(b"VOLT:OFFS 1;:FREQ 250;:VOLT 4", b"250", b"4", offset=b"1"),
+        levels(b"VOLT 1;:VOLT:OFFS -2", b"250", b"1", offset=b"-2"),
+        levels(b"VOLT:OFFS 0;:VOLT 6", b"250", b"6"),
+    )
+    driver.set_point(250.0, 200.0, 100.0)
+    driver.set_point(250.0, 50.0, -200.0)
+    driver.set_point(250.0, 300.0)
+    assert not script.pairs
+
+
+@pytest.mark.parametrize(("voltage_v", "offset_v"), [(200.0, 100.1), (200.0, -100.1), (10.0, math.nan), (10.0, 1e300)])
+def test_the_limit_is_on_amplitude_and_offset_together(voltage_v: float, offset_v: float) -> None:
+    driver, _ = connected()
+    with pytest.raises(LimitExceeded, match=r"offset included.* nothing was sent"):
+        driver.set_point(250.0, voltage_v, offset_v)
+
+
+def test_external_modulation_programs_what_full_scale_makes_of_it() -> None:
+    driver, script = connected(
+        OUTPUT_IS_OFF,
+        BASE,
+        exchange(b"AM:SOUR EXT;:AM:DEPT 100;:AM:STAT 1;:AM:SOUR?;:AM:DEPT?;:AM:STAT?", b"EXT;+1.0000000000000E+02;1"),
+        levels(b"FREQ 250;:VOLT 3", b"250", b"3", modulated=b"1"),
+        settings=WITH_AM,
+    )
+    driver.set_point(250.0, 300.0, modulation=ExternalModulation())  # 3 Vpp doubled at full scale, times 50
+    assert not script.pairs
+
+
+def test_internal_modulation() -> None:
+    driver, script = connected(
+        OUTPUT_IS_OFF,
+        BASE,
+        exchange(
+            b"AM:SOUR INT;:AM:INT:FUNC SIN;:AM:INT:FREQ 7;:AM:DEPT 50;:AM:STAT 1;"
+            b":AM:SOUR?;:AM:INT:FUNC?;:AM:INT:FREQ?;:AM:DEPT?;:AM:STAT?",
+            b"INT;SIN;+7.0E+00;+5.0E+01;1",
+        ),
+        levels(b"FREQ 250;:VOLT 4", b"250", b"4", modulated=b"1"),
+        settings=WITH_AM,
+    )
+    driver.set_point(250.0, 300.0, modulation=InternalModulation(7.0, depth=0.5))  # 2 V times 1.5 times 100
+    assert not script.pairs
+
+
+def test_modulation_is_refused_until_it_is_measured_and_for_one_sided_waveforms() -> None:
+    driver, _ = connected()
+    with pytest.raises(LimitExceeded, match="what modulation does to the amplitude is not set"):
+        driver.set_point(250.0, 60.0, modulation=ExternalModulation())
+    driver, _ = connected(settings=WITH_AM)
+    for waveform in (Shape.DC, ArbitraryWaveform.from_samples([0.0, 1.0])):
+        with pytest.raises(LimitExceeded, match="swings evenly"):
+            driver.set_point(250.0, 60.0, waveform=waveform, modulation=ExternalModulation())
+
+
+@pytest.mark.parametrize(("share", "input_v"), [(0.0, -5.0), (0.5, 0.0), (1.0, 5.0), (0.25, -2.5)])
+def test_the_envelope_at_modulation_in(share: float, input_v: float) -> None:
+    assert ModulationInput(5.0, 1.0).input_v(share) == input_v
+
+
+@pytest.mark.parametrize("share", [-0.01, 1.01, math.nan])
+def test_no_envelope_beyond_full_scale(share: float) -> None:
+    with pytest.raises(ValueError, match="share"):
+        ModulationInput(5.0, 1.0).input_v(share)
+
+
+STEPS = ArbitraryWaveform.from_samples([0.0, 50.0, 100.0, 0.0])  # one-sided: mean of the codes is -2047.75
+BYTE_ORDER = exchange(b"FORM:BORD NORM;:FORM:BORD?", b"NORM")
+BLOCK = (b"DATA:DAC VOLATILE, #18\xe0\x01\x00\x00\x1f\xff\xe0\x01\n", b"")
+ATTRIBUTES = b"DATA:ATTR:POIN? VOLATILE;:DATA:ATTR:PTP? VOLATILE;:DATA:ATTR:AVER? VOLATILE"
+
+
+def test_an_arbitrary_waveform_is_uploaded_big_endian_checked_and_selected_in_two_steps() -> None:
+    driver, script = connected(
+        OUTPUT_IS_OFF,
+        BASE,
+        BYTE_ORDER,
+        BLOCK,
+        NO_ERROR,
+        exchange(ATTRIBUTES, b"+4.0E+00;+1.0E+00;-2.5E-01"),
+        exchange(b"FUNC:USER VOLATILE;:FUNC:USER?", b"VOLATILE"),
+        exchange(b"FUNC USER;:FUNC?", b"USER"),
+        levels(b"VOLT:OFFS 1;:FREQ 250;:VOLT 2", b"250", b"2", offset=b"1", function=b"USER"),
+        levels(b"VOLT 1;:VOLT:OFFS 0.5", b"250", b"1", offset=b"0.5", function=b"USER"),
+    )
+    driver.set_point(250.0, 200.0, waveform=STEPS)  # 0 to 200 V: 2 Vpp about 1 V
+    driver.set_point(250.0, 100.0, waveform=STEPS)
+    assert not script.pairs
+
+
+def test_an_upload_as_text_needs_no_byte_order() -> None:
+    driver, script = connected(
+        BASE,
+        (b"DATA:DAC VOLATILE,-8191,0,8191,-8191\n", b""),
+        NO_ERROR,
+        exchange(ATTRIBUTES, b"4;2;-0.25"),
+        settings=replace(SETTINGS, binary_upload=False),
+    )
+    driver.upload(STEPS)
+    assert not script.pairs
+
+
+@pytest.mark.parametrize("answers", [b"3;1;-0.25", b"4;0.9;-0.25", b"4;1;0.25"])
+def test_an_upload_that_arrived_otherwise_is_an_error(answers: bytes) -> None:
+    driver, _ = connected(BASE, BYTE_ORDER, BLOCK, NO_ERROR, exchange(ATTRIBUTES, answers))
+    with pytest.raises(BadReply, match="GEN holds a waveform of"):
+        driver.upload(STEPS)
+
+
+def test_a_byte_order_that_does_not_take_stops_the_upload() -> None:
+    driver, _ = connected(BASE, exchange(b"FORM:BORD NORM;:FORM:BORD?", b"SWAP"), OFF)
+    with pytest.raises(BadReply, match="SWAP to FORM:BORD"):
+        driver.upload(STEPS)
+
+
+def test_a_refused_upload_is_the_instruments_own_error() -> None:
+    driver, _ = connected(BASE, BYTE_ORDER, BLOCK, (b"SYST:ERR?\n", b'+785,"Not able"\n'), NO_ERROR)
+    with pytest.raises(InstrumentRejected, match="785"):
+        driver.upload(STEPS)
+
+
+@pytest.mark.parametrize("samples", [[1.0], [1.0, 1.0], [0.0, math.nan], [[0.0, 1.0]], [0.0] * 65_537])
+def test_what_cannot_be_an_arbitrary_waveform(samples: list[float]) -> None:
+    with pytest.raises(LimitExceeded, match="arbitrary waveform"):
+        ArbitraryWaveform.from_samples(samples)
+
+
+def test_arbitrary_waveforms_have_a_lower_highest_frequency() -> None:
+    driver, _ = connected(settings=replace(SETTINGS, frequency_high_hz=20e6))
+    with pytest.raises(LimitExceeded, match=r"outside 10\.\.6e\+06"):
+        driver.set_point(7e6, 100.0, waveform=STEPS)
+
+
+def test_a_burst_is_armed_triggered_and_ended() -> None:
+    asked = b"BURS:MODE?;:BURS:NCYC?;:BURS:PHAS?;:TRIG:SOUR?;:BURS:STAT?"
+    driver, script = connected(
+        exchange(
+            b"BURS:MODE TRIG;:BURS:NCYC 25;:BURS:PHAS 0;:TRIG:SOUR BUS;:BURS:STAT 1;:" + asked,
+            b"TRIG;+2.5E+01;+0.0E+00;BUS;1",
+        ),
+        (b"*TRG;:SYST:ERR?\n", b'+0,"No error"\n'),
+        exchange(b"BURS:STAT 0;:BURS:STAT?", b"0"),
+    )
+    driver.set_burst(Burst(25))
+    driver.trigger()
+    driver.set_burst(None)
+    assert not script.pairs
+
+
+@pytest.mark.parametrize("cycles", [0, -1, 50_001])
+def test_bursts_are_finite(cycles: int) -> None:
+    with pytest.raises(ValueError, match="cycles"):
+        Burst(cycles, TriggerSource.EXTERNAL)
+
+
+def test_a_trigger_without_a_burst_is_an_error() -> None:
+    driver, _ = connected((b"*TRG;:SYST:ERR?\n", b'-211,"Trigger ignored"\n'), NO_ERROR)
+    with pytest.raises(InstrumentRejected, match="-211") as caught:
+        driver.trigger()
+    assert "trigger source" in caught.value.hint
+
+
+def test_status_is_events_status_byte_and_all_errors() -> None:
+    driver, script = connected(
+        (b"*ESR?;*STB?\n", b"+160;+4\n"),
+        (b"SYST:ERR?\n", b'-113,"Undefined header"\n'),
+        (b"SYST:ERR?\n", b'-350,"Queue overflow"\n'),
+        NO_ERROR,
+    )
+    status = driver.read_status()
+    assert (int(status.events), status.status_byte) == (128 + 32, 4)
+    assert status.errors == ('-113,"Undefined header"', '-350,"Queue overflow"')
+    assert not script.pairs
+
+
+def test_autoranging_as_a_policy_leaves_the_range_alone() -> None:
+    line = SET_UP_LINE.replace(b":VOLT:RANG:AUTO?", b":VOLT:RANG:AUTO ON;:VOLT:RANG:AUTO?")
+    script = Script(IDENTIFY, SWITCH_OFF, (line, b"1;0;" + MINIMUM))
+    settings = replace(SETTINGS, range_policy=RangePolicy.AUTO)
+    Agilent33220A(MemoryTransport(script), settings).connect()
+    assert not script.pairs

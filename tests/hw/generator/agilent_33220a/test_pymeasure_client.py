@@ -1,0 +1,115 @@
+"""pymeasure's own driver, an independent client, against the simulated generator over TCP."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.serving.tcp import TcpServer
+from tests.hw.instruments import IMMEDIATE
+
+pytestmark = pytest.mark.timeout(60)
+
+
+@pytest.fixture
+def simulated() -> Simulated33220A:
+    return Simulated33220A(IMMEDIATE)
+
+
+@pytest.fixture
+def client(simulated: Simulated33220A) -> Iterator[Any]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # pymeasure's own, at class construction
+        from pymeasure.instruments.agilent import Agilent33220A
+
+        with TcpServer(simulated) as server:
+            client = Agilent33220A(
+                server.resource, visa_library="@py", read_termination="\n", write_termination="\n", timeout=3000
+            )
+            yield client
+            client.adapter.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "shown"),
+    [
+        ("shape", "SINUSOID", "SIN"),
+        ("shape", "SQUARE", "SQU"),
+        ("shape", "RAMP", "RAMP"),
+        ("shape", "PULSE", "PULS"),
+        ("shape", "NOISE", "NOIS"),
+        ("shape", "DC", "DC"),
+        ("shape", "USER", "USER"),
+        ("frequency", 4700.0, 4700.0),
+        ("amplitude", 1.5, 1.5),
+        ("amplitude_unit", "VRMS", "VRMS"),
+        ("amplitude_unit", "DBM", "DBM"),
+        ("offset", 0.25, 0.25),
+        ("voltage_high", 2.0, 2.0),
+        ("voltage_low", -2.0, -2.0),
+        ("square_dutycycle", 35, 35.0),
+        ("ramp_symmetry", 80, 80.0),
+        ("pulse_period", 0.002, 0.002),
+        ("pulse_hold", "DCYCLE", "DCYC"),
+        ("pulse_hold", "WIDTH", "WIDT"),
+        ("pulse_width", 0.0001, 0.0001),
+        ("pulse_dutycycle", 20, 20.0),
+        ("pulse_transition", 5e-9, 5e-9),
+        ("output", True, True),
+        ("output", False, False),
+        ("burst_state", True, True),
+        ("burst_mode", "TRIGGERED", "TRIG"),
+        ("burst_mode", "GATED", "GAT"),
+        ("burst_ncycles", 50000, 50000),
+        ("trigger_source", "IMMEDIATE", "IMM"),
+        ("trigger_source", "EXTERNAL", "EXT"),
+        ("trigger_source", "BUS", "BUS"),
+        ("trigger_state", True, True),
+        ("beeper_state", False, False),
+    ],
+)
+def test_every_property_is_accepted_and_read_back(client: Any, name: str, value: Any, shown: Any) -> None:
+    setattr(client, name, value)
+    got = getattr(client, name)
+    assert got == (shown if isinstance(shown, (str, bool)) else pytest.approx(shown))
+    assert client.check_errors() == []
+
+
+def test_remote_state_trigger_and_beeper(client: Any) -> None:
+    for state in ("REMOTE", "RWLOCK", "LOCAL"):
+        client.remote_local_state = state
+    client.trigger_source = "BUS"
+    client.trigger()
+    client.wait_for_trigger(timeout=5)
+    client.beep()
+    assert client.check_errors() == []
+
+
+def test_common_commands(client: Any) -> None:
+    assert client.id.split(",")[1] == "33220A"
+    assert client.options == "0"
+    assert client.complete == "1"
+    assert int(client.status) == 0
+    client.frequency = 5.0
+    client.reset()
+    assert client.frequency == 1000.0
+    client.clear()
+
+
+def test_errors_come_out_of_the_queue(client: Any) -> None:
+    client.amplitude = 1000.0
+    errors = client.check_errors()
+    assert [int(error[0]) for error in errors] == [-222]
+
+
+def test_what_the_client_sets_is_at_the_terminals(client: Any, simulated: Simulated33220A) -> None:
+    client.frequency = 250.0
+    client.amplitude = 1.0
+    client.output = True
+    assert client.output is True
+    # pymeasure has no OUTP:LOAD, so the reset value of 50 ohm stands: 1 Vpp is 2 Vpp open, 1 V peak.
+    assert simulated.output() == (250.0, pytest.approx(1.0), 0.0, True)

@@ -1,0 +1,203 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hw.generator.agilent_33220a.simulator import GeneratorLatency, Simulated33220A, TerminalOutput
+from tests.hw.instruments import IMMEDIATE
+
+
+class Bench:
+    """A simulated generator and everything that ever was at its terminals."""
+
+    def __init__(self, latency: GeneratorLatency = IMMEDIATE) -> None:
+        self.seen: list[TerminalOutput] = []
+        self.generator = Simulated33220A(latency, listener=self.seen.append)
+
+    def __call__(self, message: str) -> str:
+        return self.generator.handle(message.encode() + b"\n").decode().strip()
+
+    def error_code(self) -> int:
+        return int(self("SYST:ERR?").partition(",")[0])
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def test_after_reset(bench: Bench) -> None:
+    bench("FUNC SQU;:FREQ 5;:OUTP 1;:OUTP:LOAD INF;:BURS:STAT 1;*RST")
+    assert bench("*IDN?") == "Agilent Technologies,33220A,SIM00001,2.02-2.02-22-2"
+    assert bench("FUNC?;:FREQ?;:VOLT?;:VOLT:OFFS?;:OUTP:LOAD?;:OUTP?;:BURS:STAT?;:VOLT:UNIT?") == (
+        "SIN;+1.0000000000000E+03;+1.0000000000000E-01;+0.0000000000000E+00;+5.0000000000000E+01;0;0;VPP"
+    )
+    assert bench("SYST:ERR?") == '+0,"No error"'
+
+
+def test_fifty_ohm_trap_the_open_terminal_has_twice_the_programmed_voltage(bench: Bench) -> None:
+    bench("OUTP:LOAD 50;:VOLT 3;:OUTP 1")
+    assert bench.generator.output().amplitude_v == pytest.approx(3.0)  # 3 Vpp programmed, 6 Vpp there
+    bench("OUTP:LOAD INF;:VOLT 3")
+    assert bench.generator.output().amplitude_v == pytest.approx(1.5)
+
+
+def test_load_rescales_what_is_shown_and_not_what_is_there(bench: Bench) -> None:
+    bench("OUTP:LOAD INF;:VOLT 4;:VOLT:OFFS 1;:OUTP 1")
+    before = bench.generator.output()
+    bench("OUTP:LOAD 50")
+    assert bench.generator.output() == before
+    assert bench("VOLT?;:VOLT:OFFS?") == "+2.0000000000000E+00;+5.0000000000000E-01"
+    bench("OUTP:LOAD 150")
+    assert bench("VOLT?") == "+3.0000000000000E+00"
+    assert bench("OUTP:LOAD INF;LOAD?") == "+9.9000000000000E+37"
+
+
+def test_nothing_is_at_the_terminals_while_the_output_is_off(bench: Bench) -> None:
+    bench("VOLT 5;:VOLT:OFFS 1")
+    assert bench.generator.output() == (1e3, 0.0, 0.0, False)
+
+
+def test_apply_turns_the_output_on(bench: Bench) -> None:
+    assert bench("OUTP?") == "0"
+    bench("APPL:SIN 5 KHZ, 3.0, -2.5")
+    assert bench("OUTP?") == "1"
+    assert bench("APPL?") == '"SIN +5.0000000000000E+03,+3.0000000000000E+00,-2.5000000000000E+00"'
+    bench("*RST;:APPL:SQU")
+    assert bench("OUTP?;:APPL?") == ('1;"SQU +1.0000000000000E+03,+1.0000000000000E-01,+0.0000000000000E+00"')
+
+
+@pytest.mark.parametrize(
+    ("setup", "command", "code", "query", "value"),
+    [
+        ("", "VOLT 11", -222, "VOLT?", 10.0),
+        ("", "VOLT 0.001", -222, "VOLT?", 0.01),
+        ("OUTP:LOAD INF", "VOLT 21", -222, "VOLT?", 20.0),
+        ("OUTP:LOAD INF", "VOLT 0.02", 0, "VOLT?", 0.02),
+        ("", "FREQ 30E6", -222, "FREQ?", 20e6),
+        ("", "FREQ MAX", 0, "FREQ?", 20e6),
+        ("FUNC RAMP", "FREQ MAX", 0, "FREQ?", 200e3),
+        ("FREQ 1E6", "FUNC RAMP", -221, "FREQ?", 200e3),
+        ("VOLT 2;:VOLT:OFFS 4", "VOLT 6", -221, "VOLT:OFFS?", 2.0),
+        ("VOLT 2;:VOLT:OFFS 4", "VOLT 6", -221, "VOLT?", 6.0),
+        ("VOLT 2", "VOLT:OFFS 5", -222, "VOLT:OFFS?", 4.0),
+        ("FUNC DC", "VOLT:OFFS 5", 0, "VOLT:OFFS?", 5.0),
+        ("VOLT:HIGH 2", "VOLT:LOW 1", 0, "VOLT?", 1.0),
+        ("VOLT:HIGH 2;LOW 1", "VOLT:HIGH 0.5", -221, "VOLT?", 0.01),
+        ("VOLT:HIGH 2;LOW 1", "VOLT:HIGH 0.5", -221, "VOLT:HIGH?", 0.5),
+        ("VOLT:HIGH 2;LOW 1", "VOLT:LOW 3", -221, "VOLT:HIGH?", 3.01),
+        ("VOLT:HIGH 2;LOW 1", "VOLT:HIGH 9", -222, "VOLT:HIGH?", 5.0),
+        ("VOLT 2", "VOLT:UNIT VRMS", 0, "VOLT?", 0.70710678),
+        ("VOLT 2;:FUNC SQU", "VOLT:UNIT VRMS", 0, "VOLT?", 1.0),
+        ("VOLT:UNIT DBM", "VOLT 10", 0, "VOLT?", 10.0),
+        ("VOLT:UNIT DBM;:VOLT 10", "VOLT:UNIT VPP", 0, "VOLT?", 2.0),
+        ("OUTP:LOAD INF", "VOLT:UNIT DBM", -221, "VOLT?", 0.2),
+        ("", "VOLT 1 VRMS", 0, "VOLT?", 2.8284271),
+        ("", "OUTP:LOAD 0.5", -222, "OUTP:LOAD?", 1.0),
+        ("FUNC SQU;:FREQ 15E6", "FUNC:SQU:DCYC 70", -222, "FUNC:SQU:DCYC?", 60.0),
+        ("FUNC SQU;:FUNC:SQU:DCYC 70", "FREQ 15E6", -221, "FUNC:SQU:DCYC?", 60.0),
+        ("", "PULS:PER 0.01", 0, "FREQ?", 100.0),
+        ("", "FUNC:PULS:WIDT 0.000000", -222, "FUNC:PULS:WIDT?", 20e-9),
+        ("FUNC:PULS:HOLD DCYC", "FREQ 2E3", 0, "FUNC:PULS:DCYC?", 10.0),
+        ("FUNC:PULS:HOLD WIDT", "FREQ 2E3", 0, "FUNC:PULS:WIDT?", 100e-6),
+        ("", "BURS:NCYC INF", 0, "BURS:NCYC?", 9.9e37),
+        ("", "BURS:NCYC 60000", -222, "BURS:NCYC?", 50000),
+        ("VOLT:OFFS 0", "VOLT? MAX", 0, "VOLT? MAX", 10.0),
+        ("", "FREQ? MIN", 0, "FREQ? MIN", 1e-6),
+    ],
+)
+def test_limits_and_couplings(bench: Bench, setup: str, command: str, code: int, query: str, value: float) -> None:
+    bench(setup)
+    assert bench.error_code() == 0
+    bench(command)
+    assert bench.error_code() == code
+    assert float(bench(query)) == pytest.approx(value, rel=1e-7)
+
+
+def test_dbm_falls_to_vpp_at_an_open_load(bench: Bench) -> None:
+    bench("VOLT:UNIT DBM;:OUTP:LOAD INF")
+    assert bench("VOLT:UNIT?") == "VPP"
+
+
+def test_trigger_needs_the_bus_source(bench: Bench) -> None:
+    bench("*TRG")
+    assert bench.error_code() == -211
+    bench("TRIG:SOUR BUS;*TRG;*WAI")
+    assert bench.error_code() == 0
+
+
+def test_errors_keep_the_output_as_it_was(bench: Bench) -> None:
+    bench("OUTP 1;:VOLT 2")
+    before = bench.generator.output()
+    for nonsense in ("VOLT TWO", "FREQ", "OUTP MAYBE", "FUNC SINE", "VOLT 1,2", "VOLT:OFFS NAN"):
+        bench(nonsense)
+        assert bench.error_code() < 0
+    assert bench.generator.output() == before
+
+
+def test_settings_reach_the_terminals_after_their_latency() -> None:
+    bench = Bench(GeneratorLatency(amplitude_s=0.030, frequency_s=0.003, function_s=0.1, output_s=0.0))
+    bench("OUTP:LOAD INF;:OUTP 1")
+    assert bench.generator.output() == (1e3, pytest.approx(0.1), 0.0, True)
+    bench("VOLT 2")
+    bench.generator.advance(0.029)
+    assert bench.generator.output().amplitude_v == pytest.approx(0.1)
+    bench.generator.advance(0.001)
+    assert bench.generator.output().amplitude_v == pytest.approx(1.0)
+    bench("FREQ 250")
+    assert bench("FREQ?") == "+2.5000000000000E+02"
+    bench.generator.advance(0.002)
+    assert bench.generator.output().frequency_hz == 1000.0
+    bench.generator.advance(0.001)
+    assert bench.generator.output().frequency_hz == 250.0
+
+
+def test_settings_arrive_in_order_but_off_does_not_wait() -> None:
+    bench = Bench(GeneratorLatency(amplitude_s=0.030, frequency_s=0.003, function_s=0.1, output_s=0.0))
+    bench("VOLT 2;:FREQ 250;:OUTP 1")
+    bench.generator.advance(0.010)
+    assert bench.generator.output() == (1e3, 0.0, 0.0, False)  # on comes after the amplitude
+    bench("OUTP 0;:OUTP 1")
+    bench("OUTP 0")
+    bench.generator.advance(1.0)
+    assert not bench.generator.output().on
+    assert not any(seen.on for seen in bench.seen)
+
+
+def test_off_has_a_latency_of_its_own() -> None:
+    bench = Bench(GeneratorLatency(0.0, 0.0, 0.0, output_s=0.005))
+    bench("OUTP 1")
+    bench.generator.advance(0.005)
+    bench("OUTP 0")
+    assert bench.generator.output().on
+    bench.generator.advance(0.005)
+    assert not bench.generator.output().on
+
+
+ARGUMENTS = {
+    "VOLT:UNIT": st.sampled_from(["VPP", "VRMS", "DBM"]),
+    "FUNC": st.sampled_from(["SIN", "SQU", "RAMP", "PULS", "NOIS", "DC", "USER"]),
+}
+LEVEL = st.one_of(st.sampled_from(["MIN", "MAX"]), st.floats(-30.0, 30.0).map(str), st.floats(-1e4, 1e8).map(str))
+COMMAND = st.sampled_from(
+    ["VOLT", "VOLT:OFFS", "VOLT:HIGH", "VOLT:LOW", "OUTP:LOAD", "FREQ", "VOLT:UNIT", "FUNC", "APPL:SIN", "APPL:DC"]
+).flatmap(lambda header: ARGUMENTS.get(header, LEVEL).map(lambda argument: f"{header} {argument}"))
+
+
+@settings(max_examples=200)
+@given(st.lists(COMMAND, max_size=12))
+def test_no_command_makes_more_than_ten_volts(commands: list[str]) -> None:
+    bench = Bench()
+    bench("OUTP 1")
+    for command in commands:
+        bench(command)
+    for output in bench.seen:
+        assert output.amplitude_v + abs(output.offset_v) <= 10.0 + 1e-9
+        assert 1e-6 <= output.frequency_hz <= 20e6
+
+
+def test_any_bytes_are_survived() -> None:
+    bench = Bench()
+    bench.generator.handle(bytes(range(256)) * 4 + b"\n")
+    assert bench("*CLS;*OPC?") == "1"

@@ -1,0 +1,53 @@
+"""One line of the dialogue with a generator: what is checked, and what the gate forgets when it fails."""
+
+from __future__ import annotations
+
+import pytest
+
+from hw.errors import BadReply, InstrumentRejected, LimitExceeded
+from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.generator.dialogue import GeneratorDialogue
+from hw.generator.gate import OutputGate
+from hw.testing.faulty_instrument import Fault, FaultyInstrument
+from hw.testing.memory import MemoryTransport
+from tests.hw.instruments import IMMEDIATE
+
+READY = ["OUTP 0", "*RST", "OUTP:LOAD INF", "VOLT:UNIT VPP", "VOLT 1"]
+
+
+class Bench:
+    def __init__(self) -> None:
+        self.line = FaultyInstrument(Simulated33220A(IMMEDIATE))
+        self.dialogue = GeneratorDialogue(MemoryTransport(self.line), OutputGate(100.0, 300.0), 1.0)
+        self.dialogue.open()
+        self.dialogue.command(READY, [])
+
+
+def test_the_gate_believes_what_was_answered() -> None:
+    assert float(Bench().dialogue.command(["VOLT 2"], ["VOLT?"])[0]) == 2.0
+
+
+def test_after_a_garbled_answer_the_gate_believes_nothing() -> None:
+    bench = Bench()
+    bench.line.inject(Fault.GARBAGE)
+    with pytest.raises(BadReply):
+        bench.dialogue.command(["VOLT 2"], ["VOLT?"])
+    with pytest.raises(LimitExceeded, match="not known"):
+        bench.dialogue.command(["VOLT 2"], ["VOLT?"])
+
+
+def test_after_a_rejection_the_gate_believes_nothing() -> None:
+    bench = Bench()
+    with pytest.raises(InstrumentRejected, match="-222"):
+        bench.dialogue.command(["FREQ 1E9"], [])
+    with pytest.raises(LimitExceeded, match="not known"):
+        bench.dialogue.command(["VOLT 2"], [])
+
+
+@pytest.mark.parametrize("text", ["", "1e", "0x10", "nan", "inf", "9E999", "1 2"])
+def test_what_is_no_finite_number_is_a_bad_reply(text: str) -> None:
+    bench = Bench()
+    with pytest.raises(BadReply, match="where a number was expected"):
+        bench.dialogue.number(text)
+    with pytest.raises(LimitExceeded, match="not known"):
+        bench.dialogue.command(["VOLT 2"], [])

@@ -1,0 +1,333 @@
+"""The watchdog process: real processes, killed for real; the simulated generator's own record says what happened."""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import hw.safety.watchdog
+from hw.errors import DeviceDisconnected
+from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.safety.simulated_interlock import SimulatedInterlock
+from hw.safety.watchdog import BEAT, REST, Outcome, Watchdog, WatchdogSettings, wait_for_silence
+from hw.serving.tcp import TcpServer
+from hw.testing.faulty_instrument import Fault, FaultyInstrument
+from tests.clock import ManualClock
+from tests.hw.instruments import IMMEDIATE, closed_port
+from tests.waiting import HANG_S, exists, until
+
+pytestmark = pytest.mark.timeout(2 * HANG_S)
+
+DRIVER = """
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell would have it ignored
+from hw.safety.watchdog import Watchdog, WatchdogSettings
+dog = Watchdog(WatchdogSettings(sys.argv[1], period_s=float(sys.argv[2])))
+dog.start()
+dog.beat()  # it counts from the first
+print(dog.pid, flush=True)
+while True:
+    dog.beat()
+    time.sleep(0.02)
+"""
+
+
+class Bench:
+    """A generator with its output on, served on loopback; it notes when the output went off."""
+
+    def __init__(self) -> None:
+        self.off_at_s: float | None = None
+        self.generator = Simulated33220A(IMMEDIATE, listener=self._note)
+        self.faults = FaultyInstrument(self.generator)
+        self.server = TcpServer(self.faults)
+        self.generator.handle(b"OUTP:LOAD INF;:VOLT 2;:OUTP 1\n")
+
+    def _note(self, output: object) -> None:
+        if not self.generator.output().on and self.off_at_s is None:
+            self.off_at_s = time.monotonic()
+
+    @property
+    def on(self) -> bool:
+        return self.generator.output().on
+
+    def settings(self, **changed: float) -> WatchdogSettings:
+        return WatchdogSettings(self.server.resource, **{"period_s": 5.0, "give_up_s": 10.0, **changed})  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    bench = Bench()
+    with bench.server:
+        yield bench
+
+
+@pytest.fixture
+def drivers() -> Iterator[list[subprocess.Popen[str]]]:
+    started: list[subprocess.Popen[str]] = []
+    yield started
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def driver(bench: Bench, drivers: list[subprocess.Popen[str]], period_s: float) -> tuple[subprocess.Popen[str], int]:
+    """A process that beats a watchdog of its own; its handle and the watchdog's process id."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(DRIVER), bench.server.resource, str(period_s)],
+        stdout=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    drivers.append(process)
+    assert process.stdout is not None
+    return process, int(process.stdout.readline())
+
+
+# --- the driver dies -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGSEGV", "SIGTERM", "SIGINT"])
+def test_whatever_ends_the_driver_switches_off(bench: Bench, drivers: list[subprocess.Popen[str]], name: str) -> None:
+    """To the whole process group where that is how it comes; the period is long, so only the pipe can have told."""
+    process, pid = driver(bench, drivers, period_s=1e3)
+    assert bench.on
+    if name in ("SIGTERM", "SIGINT"):
+        os.killpg(process.pid, getattr(signal, name))
+    else:
+        process.send_signal(getattr(signal, name))
+    process.wait(HANG_S)
+    until(lambda: not bench.on)
+    until(lambda: not exists(pid))
+
+
+def test_after_kill_9_the_output_is_off_within_the_period(bench: Bench, drivers: list[subprocess.Popen[str]]) -> None:
+    period_s = 5.0  # the bound of the contract, and generous for a busy machine
+    process, _ = driver(bench, drivers, period_s)
+    killed_s = time.monotonic()
+    process.kill()
+    until(lambda: bench.off_at_s is not None)
+    assert bench.off_at_s is not None
+    assert bench.off_at_s - killed_s < period_s
+
+
+def test_a_driver_that_hangs_is_silence(bench: Bench, drivers: list[subprocess.Popen[str]]) -> None:
+    process, pid = driver(bench, drivers, period_s=0.5)
+    assert bench.on
+    process.send_signal(signal.SIGSTOP)  # the pipe stays open
+    until(lambda: not bench.on)
+    process.kill()
+    until(lambda: not exists(pid))
+
+
+def test_the_watchdog_ignores_what_is_meant_for_the_driver(bench: Bench) -> None:
+    with Watchdog(bench.settings()) as watchdog:
+        watchdog.beat()
+        assert watchdog.pid is not None
+        assert os.getsid(watchdog.pid) == watchdog.pid  # a terminal's Ctrl-C does not reach it
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            os.kill(watchdog.pid, getattr(signal, name))
+        time.sleep(0.1)
+        watchdog.beat()
+        assert bench.on
+        assert watchdog.close() is True
+    assert not bench.on
+
+
+# --- beats -----------------------------------------------------------------------------------------------------------
+
+
+def test_without_a_first_beat_and_at_rest_it_waits(bench: Bench) -> None:
+    with Watchdog(bench.settings(period_s=0.2)) as watchdog:
+        time.sleep(0.5)
+        watchdog.beat()
+        watchdog.rest()
+        time.sleep(0.5)
+        assert bench.on
+        watchdog.beat()
+        until(lambda: not bench.on)
+        pid = watchdog.pid
+        assert pid is not None
+
+        def refused() -> bool:
+            try:
+                watchdog.beat()
+            except DeviceDisconnected as error:
+                return "it has ended (off)" in error.message
+            return False
+
+        until(refused)
+        assert watchdog.close() is True
+
+
+def test_silence_in_words() -> None:
+    beats: queue.Queue[bytes] = queue.Queue()
+    for beat in (BEAT, REST, BEAT):
+        beats.put(beat)
+    assert wait_for_silence(beats, 0.01) == "no beat for 0.01 s"
+    for beat in (BEAT, REST, b""):
+        beats.put(beat)
+    assert wait_for_silence(beats, 1e3) == "the pipe is closed"
+
+
+@pytest.mark.parametrize("slept_s", [1.0, 1.1, 1.3])
+def test_its_own_sleep_is_not_the_drivers_silence(bench: Bench, slept_s: float) -> None:
+    """A busy machine let the watchdog sleep for longer than its period while its driver went on beating."""
+    with Watchdog(bench.settings(period_s=1.0)) as watchdog:
+        watchdog.beat()
+        time.sleep(0.1)  # it has begun to wait
+        assert watchdog.pid is not None
+        os.kill(watchdog.pid, signal.SIGSTOP)
+        until_s = time.monotonic() + slept_s
+        while time.monotonic() < until_s:
+            watchdog.beat()
+            time.sleep(0.02)
+        os.kill(watchdog.pid, signal.SIGCONT)
+        for _ in range(20):
+            time.sleep(0.02)
+            watchdog.beat()
+        assert bench.on
+
+
+def test_starting_twice_does_not_let_go_of_the_first(bench: Bench) -> None:
+    with Watchdog(bench.settings()) as watchdog:
+        pid = watchdog.pid
+        watchdog.beat()
+        watchdog.start()
+        assert watchdog.pid == pid
+        assert bench.on
+
+
+def test_one_that_has_ended_is_started_again(bench: Bench) -> None:
+    with Watchdog(bench.settings()) as watchdog:
+        assert watchdog.pid is not None
+        os.kill(watchdog.pid, signal.SIGKILL)
+        os.waitid(os.P_PID, watchdog.pid, os.WEXITED | os.WNOWAIT)  # ended, and nobody has noticed yet
+        watchdog.start()
+        watchdog.beat()
+
+
+def test_an_input_that_cannot_be_read_is_at_its_end(bench: Bench, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hw.safety.watchdog", "--generator", bench.server.resource]
+    with (tmp_path / "written").open("w") as write_only:
+        ended = subprocess.run(command, stdin=write_only, capture_output=True, text=True, check=False, timeout=HANG_S)
+    assert ended.returncode == Outcome.OFF
+    assert "the pipe is closed" in ended.stderr
+    assert not bench.on
+
+
+def test_beating_a_watchdog_that_was_never_started(bench: Bench) -> None:
+    watchdog = Watchdog(bench.settings())
+    with pytest.raises(DeviceDisconnected, match="it is not running"):
+        watchdog.beat()
+    watchdog.rest()
+    assert watchdog.close() is None
+
+
+def test_a_watchdog_that_was_killed_is_noticed(bench: Bench) -> None:
+    watchdog = Watchdog(bench.settings())
+    watchdog.start()
+    watchdog.beat()
+    assert watchdog.pid is not None
+    os.kill(watchdog.pid, signal.SIGKILL)
+    with pytest.raises(DeviceDisconnected, match=r"watchdog: (it has ended|its pipe is broken)"):  # noqa: PT012
+        for _ in range(100):
+            watchdog.beat()
+            time.sleep(0.05)
+    assert watchdog.close() is None  # it cannot say
+
+
+# --- evidence --------------------------------------------------------------------------------------------------------
+
+
+def test_a_generator_that_fails_for_a_while_is_tried_again(bench: Bench) -> None:
+    watchdog = Watchdog(bench.settings())
+    watchdog.start()
+    bench.faults.inject(Fault.HANG, count=3)
+    assert watchdog.close() is True
+    assert not bench.on
+
+
+def test_whatever_a_link_raises_the_other_instrument_is_switched_off(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Broken:
+        def open(self) -> None:
+            raise RuntimeError("nobody thought of this")
+
+        def close(self) -> None:
+            pass
+
+    made = hw.safety.watchdog.make_transport
+    monkeypatch.setattr(hw.safety.watchdog, "make_transport", lambda name: Broken() if name == "broken" else made(name))
+    settings = WatchdogSettings("broken", bench.server.resource, give_up_s=0.3, retry_s=0.1)
+    broken, other = hw.safety.watchdog._instruments(settings)
+    other._off, other._answers = b"OUTP 0;:OUTP?\n", broken._answers  # a second generator in the interlock's place
+    assert hw.safety.watchdog.switch_off([broken, other], settings) is Outcome.OFF
+    assert not bench.on
+    other._transport.close()
+
+
+@pytest.mark.parametrize("fault", [Fault.HANG, Fault.GARBAGE, Fault.DISCONNECT, Fault.TRUNCATED])
+def test_without_an_answer_it_gives_up_and_says_unknown(bench: Bench, fault: Fault) -> None:
+    watchdog = Watchdog(bench.settings(give_up_s=0.5, reply_timeout_s=0.1))
+    watchdog.start()
+    bench.faults.inject(fault, count=float("inf"))
+    assert watchdog.close() is None
+
+
+def test_a_generator_that_insists_on_being_on_is_reported_on(bench: Bench) -> None:
+    class Stubborn:
+        def handle(self, data: bytes) -> bytes:
+            return b"1\n"
+
+    with TcpServer(Stubborn()) as server:
+        watchdog = Watchdog(WatchdogSettings(server.resource, give_up_s=0.3))
+        watchdog.start()
+        assert watchdog.close() is False
+
+
+def test_the_interlock_is_opened_as_well_and_is_evidence_alone(bench: Bench) -> None:
+    box = SimulatedInterlock(ManualClock())
+    box.handle(b"BEAT 1\nENABLE\n")
+    with TcpServer(box) as server:
+        settings = WatchdogSettings(bench.server.resource, server.resource, give_up_s=0.5, reply_timeout_s=0.1)
+        watchdog = Watchdog(settings)
+        watchdog.start()
+        assert box.closed is True
+        bench.faults.inject(Fault.HANG, count=float("inf"))
+        assert watchdog.close() is True
+    assert box.closed is False
+    assert bench.on  # nothing could be done about the generator; the open contact takes its voltage away
+
+
+def test_a_generator_that_is_not_there_is_refused_at_the_start() -> None:
+    with pytest.raises(DeviceDisconnected, match="does not answer"):
+        Watchdog(WatchdogSettings(f"TCPIP::127.0.0.1::{closed_port()}::SOCKET")).start()
+
+
+# --- settings --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["period_s", "reply_timeout_s", "retry_s", "give_up_s"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
+def test_senseless_times_are_refused(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=name):
+        WatchdogSettings("TCPIP::127.0.0.1::5025::SOCKET", **{name: value})  # type: ignore[arg-type]
+
+
+def test_a_wrong_command_line_ends_with_status_2_and_says_why() -> None:
+    ended = subprocess.run(
+        [sys.executable, "-m", "hw.safety.watchdog", "--generator", "nonsense"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == Outcome.NOT_STARTED
+    assert "nonsense" in ended.stderr

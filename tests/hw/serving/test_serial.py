@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+
+import pytest
+import serial
+
+from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.serving.serial import SerialServer
+from hw.testing.faulty_instrument import Fault, FaultyInstrument
+from tests.hw.instruments import IMMEDIATE
+from tests.waiting import HANG_S, until
+
+pytestmark = pytest.mark.timeout(2 * HANG_S)
+
+
+def generator() -> Simulated33220A:
+    return Simulated33220A(IMMEDIATE)
+
+
+class Raw:
+    """Answers every byte with the next one: a protocol without lines."""
+
+    def handle(self, data: bytes) -> bytes:
+        return bytes((byte + 1) % 256 for byte in data)
+
+
+@pytest.mark.parametrize("rtscts", [False, True])
+def test_pyserial_talks_to_it(rtscts: bool) -> None:
+    with SerialServer(generator()) as server, serial.Serial(server.path, 9600, timeout=5.0, rtscts=rtscts) as port:
+        port.write(b"FRE")
+        port.write(b"Q 250\r\nFREQ?\n")
+        assert port.readline() == b"+2.5000000000000E+02\n"
+
+
+def test_pyvisa_py_talks_to_the_terminal_itself() -> None:
+    import pyvisa
+
+    with SerialServer(generator()) as server:
+        assert server.terminal.startswith("/dev/pts/")
+        session = pyvisa.ResourceManager("@py").open_resource(
+            f"ASRL{server.terminal}::INSTR", read_termination="\n", write_termination="\n"
+        )
+        assert session.query("*IDN?").split(",")[1] == "33220A"  # type: ignore[attr-defined]
+        session.close()
+
+
+def test_one_client_after_the_other() -> None:
+    with SerialServer(generator()) as server:
+        for _ in range(3):
+            with serial.Serial(server.path, timeout=5.0) as port:
+                port.write(b"*OPC?\n")
+                assert port.readline() == b"1\n"
+
+
+def test_bytes_without_framing_go_to_the_instrument_as_they_come() -> None:
+    with SerialServer(Raw(), framed=False) as server, serial.Serial(server.path, timeout=5.0) as port:
+        for data in (b"\x00\n\xfe", b"\xff"):
+            port.write(data)
+            assert port.read(len(data)) == bytes((byte + 1) % 256 for byte in data)
+
+
+def test_every_byte_value_passes_unchanged() -> None:
+    every = bytes(range(256))
+
+    class Echo:
+        def handle(self, data: bytes) -> bytes:
+            return data
+
+    with SerialServer(Echo(), framed=False) as server, serial.Serial(server.path, timeout=5.0) as port:
+        for _ in range(100):  # piece by piece: an echo of more than both buffers hold would block both sides
+            port.write(every)
+            assert port.read(len(every)) == every
+
+
+def test_unplugging_ends_the_port_and_the_path_leads_to_a_new_one() -> None:
+    faulty = FaultyInstrument(generator())
+    with SerialServer(faulty) as server:
+        faulty.inject(Fault.DISCONNECT)
+        with serial.Serial(server.path, timeout=5.0) as port:
+            port.write(b"*IDN?\n")
+            with pytest.raises(serial.SerialException):
+                port.read(1000)  # half an answer, and then not even silence
+        with serial.Serial(server.path, timeout=5.0) as port:
+            port.write(b"*OPC?\n")
+            assert port.readline() == b"1\n"
+
+
+def test_closing_ends_the_thread_and_removes_the_path() -> None:
+    before = threading.active_count(), len(os.listdir("/proc/self/fd"))
+    server = SerialServer(generator())
+    server.start()
+    assert Path(server.path).exists()
+    server.close()
+    assert not Path(server.path).exists()
+    assert (threading.active_count(), len(os.listdir("/proc/self/fd"))) == before
+
+
+def test_closing_does_not_wait_for_a_client_who_does_not_read() -> None:
+    class Babble:
+        def handle(self, data: bytes) -> bytes:
+            return bytes(10_000_000)
+
+    server = SerialServer(Babble())
+    server.start()
+    with serial.Serial(server.path, timeout=5.0) as port:
+        port.write(b"go\n")
+        until(lambda: port.in_waiting)
+        server.close()
+
+
+def test_a_server_that_never_started_can_be_closed() -> None:
+    SerialServer(generator()).close()
