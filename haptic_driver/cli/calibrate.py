@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -12,10 +12,11 @@ from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import not_written
 from haptic_driver.surface.models import load_model
+from model.analysis.calibration import OPTIONAL, Calibration, write_calibration
+from model.analysis.calibration import calibrate as run
+from model.diagnosis.data import read_measurements
+from model.diagnosis.space import FINGER
 from model.support.errors import ModelError, nearest
-
-if TYPE_CHECKING:
-    from model.analysis.calibration import Calibration
 
 
 def calibrate(
@@ -34,9 +35,6 @@ def calibrate(
     Example: `haptic calibrate data.csv --model reference --out finger.toml`
     """
     from haptic_driver.pictures.model import draw_calibration  # noqa: PLC0415  (matplotlib is slow to import)
-    from model.analysis.calibration import calibrate as run  # noqa: PLC0415
-    from model.analysis.calibration import write_calibration  # noqa: PLC0415
-    from model.diagnosis.data import read_measurements  # noqa: PLC0415
 
     description = load_model(model)
     _check(also or [], out)
@@ -57,9 +55,6 @@ def calibrate(
 
 def _check(also: list[str], out: Path) -> None:
     """What can be known to be wrong before the data are read and fitted."""
-    from model.analysis.calibration import OPTIONAL  # noqa: PLC0415
-    from model.diagnosis.space import FINGER  # noqa: PLC0415
-
     always = [n.name for n in FINGER]
     names = always + [n.name for n in OPTIONAL]
     for name in also:

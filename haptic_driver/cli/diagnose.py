@@ -15,6 +15,9 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.plan import Setting, write_plan
 from haptic_driver.files import not_written
 from haptic_driver.surface.models import load_model
+from model.diagnosis.data import read_measurements, together
+from model.diagnosis.report import write_report
+from model.diagnosis.workflow import diagnose as run
 from model.support.errors import ModelError
 from model.touch import SPEED_REFERENCE_M_S
 
@@ -39,10 +42,6 @@ def diagnose(
 
     Example: `haptic diagnose data.csv --model reference --out diagnosis`
     """
-    from model.diagnosis.data import read_measurements, together  # noqa: PLC0415  (diagnosis imports are slow)
-    from model.diagnosis.report import write_report  # noqa: PLC0415
-    from model.diagnosis.workflow import diagnose as run  # noqa: PLC0415
-
     description = load_model(model)
     try:
         measurements = together([(str(path), read_measurements(path)) for path in (data, *(also or ()))])

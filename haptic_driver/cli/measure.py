@@ -34,7 +34,8 @@ from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.run import Experiment, prepare, run
 from haptic_driver.experiments.stage_bench import StageBench
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.rig.rig import OffEvidence, RigState
+from haptic_driver.rig.evidence import OffEvidence
+from haptic_driver.rig.states import RigState
 from haptic_driver.simulation.rig import FrictionLaw, with_hidden
 from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel

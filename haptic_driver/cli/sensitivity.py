@@ -13,6 +13,8 @@ from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import write_rows
 from haptic_driver.surface.models import load_model
+from model.analysis.sensitivity import force_sensitivity
+from model.conditions import Conditions
 
 FREQUENCIES_HZ = (10.0, 250.0, 1e4)
 
@@ -34,8 +36,6 @@ def sensitivity(
     Example: `haptic sensitivity --out sensitivity`
     """
     from haptic_driver.pictures.model import draw_sensitivity  # noqa: PLC0415  (matplotlib is slow to import)
-    from model.analysis.sensitivity import force_sensitivity  # noqa: PLC0415
-    from model.conditions import Conditions  # noqa: PLC0415
 
     if draws & (draws - 1):
         raise BadInputError("bad_draws", f"--draws {draws} is not a power of two", "For example 1024")

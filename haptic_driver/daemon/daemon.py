@@ -36,7 +36,7 @@ from haptic_driver.recording.writer import RunHeader
 from haptic_driver.render.texture import Script, Target, Uniform
 from haptic_driver.rig.actuator import actuator_name
 from haptic_driver.rig.devices import calibration_ids
-from haptic_driver.rig.rig import RigEvent, RigState
+from haptic_driver.rig.states import RigEvent, RigState
 from haptic_driver.textures.library import load, texture_names
 from hw.errors import DeviceError
 

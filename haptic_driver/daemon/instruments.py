@@ -11,7 +11,8 @@ from haptic_driver.processes.shared_memory import Sensed
 from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.config import RigConfig, SimulatedAnalogOutputConfig
 from haptic_driver.rig.devices import Devices, connect_devices, output_settings
-from haptic_driver.rig.rig import RigEvent, build_rig
+from haptic_driver.rig.rig import build_rig
+from haptic_driver.rig.states import RigEvent
 from haptic_driver.simulation.lines import SCALE, SCREEN, Lines
 from hw.analog.served_output import ServedAnalogOutput
 from hw.errors import DeviceDisconnected

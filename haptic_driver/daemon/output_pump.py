@@ -11,7 +11,7 @@ from haptic_driver.errors import HapticError
 from haptic_driver.processes.real_time import Metronome
 from haptic_driver.processes.shared_memory import Driven, SharedState
 from haptic_driver.rig.actuator import Actuator
-from haptic_driver.rig.rig import RigState
+from haptic_driver.rig.states import RigState
 from haptic_driver.signals import NO_COURSE, Course, DriveCommand
 
 PUMP_PERIOD_S = 0.001

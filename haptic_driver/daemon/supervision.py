@@ -21,7 +21,7 @@ from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.errors import HapticError
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.shared_memory import SharedState
-from haptic_driver.rig.rig import RigEvent, RigState
+from haptic_driver.rig.states import RigEvent, RigState
 from hw.errors import DeviceError
 
 START_TIMEOUT_S = 240.0  # compiling all kernels, on a busy machine

@@ -21,7 +21,9 @@ from haptic_driver.experiments.stroke import stage_of
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render import drive, safety
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.rig import OffEvidence, Rig, RigState, require_verified
+from haptic_driver.rig.evidence import OffEvidence
+from haptic_driver.rig.rig import Rig, require_verified
+from haptic_driver.rig.states import RigState
 from haptic_driver.signals import OperatingPoint
 from model.touch_model import TouchModel
 
@@ -83,7 +85,7 @@ def prepare(config: RigConfig, model: TouchModel, plan: Plan, seed: int | None =
     """
     if not config.simulated:
         stage_of(config)
-    require_verified(config.unverified)
+    require_verified(config)
     points, refusals = check([s for s in plan.settings if s.voltage_v > 0.0], plan, config, model)
     resting = list({s.without_voltage(): None for s in plan.settings})
     without, refused = check(resting, plan, config, model)

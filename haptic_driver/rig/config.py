@@ -92,9 +92,9 @@ class SafetySettings(Section):
 
     `lease_s`: output not refreshed for so long goes to zero. `beat_interval_s`: how often heartbeats are beaten at
     most. `settle_s`: how long a set point may take to show on the monitor. `monitor_tolerance` (a share) and
-    `monitor_tolerance_v`, whichever allows more: how far the monitor may be from what was commanded.
-    `ramp_down_s`: how long a planned stop may take. `off_retry_s`: between attempts to get an output off that did not
-    say so. All judged, none from a source but the lease (500 ms, `electrovibration-exp`).
+    `monitor_tolerance_v`, whichever allows more: how far the monitor may be from what was commanded. `off_retry_s`:
+    between attempts to get an output off that did not say so. All judged, none from a source but the lease (500 ms,
+    `electrovibration-exp`).
     """
 
     lease_s: Seconds = 0.5
@@ -102,7 +102,6 @@ class SafetySettings(Section):
     settle_s: Seconds = 0.15
     monitor_tolerance: Annotated[FiniteFloat, Field(gt=0.0, le=1.0)] = 0.1
     monitor_tolerance_v: Annotated[FiniteFloat, Field(gt=0.0, le=100.0)] = 5.0
-    ramp_down_s: Seconds = 1.0
     off_retry_s: Seconds = 0.5
 
 

@@ -19,8 +19,10 @@ from typing import Self
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig import config as rig_config
 from haptic_driver.rig.config import NO_WATCHDOG, RigConfig
-from haptic_driver.rig.rig import OffEvidence, Rig, RigEvent, build_rig
+from haptic_driver.rig.evidence import OffEvidence
+from haptic_driver.rig.rig import Rig, build_rig
 from haptic_driver.rig.slide import read_slide
+from haptic_driver.rig.states import RigEvent
 from hw.analog.lines import AnalogInput, DigitalInput, DigitalOutput, Heartbeat
 from hw.analog.ni_daq import NiAnalogInput, NiAnalogInputs, NiAnalogOutput, NiDigitalInput, NiDigitalOutput
 from hw.analog.output import AnalogOutput, AnalogOutputSettings

@@ -27,7 +27,7 @@ from haptic_driver.rig.devices import (
     stage_settings,
     touch_calibration,
 )
-from haptic_driver.rig.rig import MONITOR_QUIET_V
+from haptic_driver.rig.evidence import MONITOR_QUIET_V
 from hw.analog.ni_daq import NiDigitalInput
 from hw.errors import BadReply, DeviceError
 from hw.finger.touch_screen import open_touch_reports

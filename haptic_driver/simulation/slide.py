@@ -13,7 +13,7 @@ import numpy as np
 
 from haptic_driver.render.texture import Texture
 from haptic_driver.render.tick import TickSettings, TickState, tick
-from haptic_driver.rig.rig import OffEvidence
+from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.slide import TICK_S, Array, Mask, Slide, average
 from haptic_driver.signals import FingerSample
 from haptic_driver.simulation.rig import SimulatedRig

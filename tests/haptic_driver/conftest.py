@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.cli.main import main
+from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.rig.config import load_rig
 from haptic_driver.surface.build import SurfaceAxes, build_surface
 from haptic_driver.surface.file import FORCE_REFINEMENT, SurfaceFile, ready_for_lookup
@@ -160,3 +161,11 @@ def haptic(capsys) -> Callable[..., Outcome]:
         return Outcome(status, captured.out, captured.err)
 
     return run
+
+
+@pytest.fixture
+def shared():
+    """The memory of daemon, render and recorder."""
+    state = SharedState()
+    yield state
+    state.close()

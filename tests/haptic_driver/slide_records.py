@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptic_driver.rig.rig import OffEvidence
+from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.slide import Slide
 from haptic_driver.simulation.slide import SlideRecord
 from hw.amplifier.analog import AmplifierState

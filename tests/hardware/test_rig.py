@@ -17,7 +17,7 @@ from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.devices import connect_devices
 from haptic_driver.rig.doctor import Status, examine
-from haptic_driver.rig.rig import RigState
+from haptic_driver.rig.states import RigState
 from haptic_driver.signals import Course, DriveCommand
 
 RIG = os.environ.get("HAPTIC_HARDWARE")

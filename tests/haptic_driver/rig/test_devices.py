@@ -13,7 +13,7 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.rig import devices as devices_module
 from haptic_driver.rig.config import EvdevFingerConfig, load_rig
 from haptic_driver.rig.devices import calibration_ids, connect_devices
-from haptic_driver.rig.rig import RigState
+from haptic_driver.rig.states import RigState
 from haptic_driver.signals import DriveCommand
 from haptic_driver.simulation.served import as_real
 from hw.errors import DeviceError, DeviceTimeout
@@ -89,8 +89,6 @@ def test_an_unverified_rig_connects_and_refuses_to_come_on(rig_config, served):
             devices.rig.command(time.monotonic(), ON)
         assert error.value.code == "unverified"
         assert "limits.measured_by" in error.value.message
-        with pytest.raises(HapticError):
-            devices.rig.check_verified()
     assert served.amplifier.max_voltage_v == 0.0
 
 

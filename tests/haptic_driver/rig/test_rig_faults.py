@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.config import load_rig
-from haptic_driver.rig.rig import RigState, build_rig
+from haptic_driver.rig.rig import build_rig
+from haptic_driver.rig.states import RigState
 from haptic_driver.signals import DriveCommand
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.errors import DeviceDisconnected, DeviceTimeout
@@ -152,7 +153,7 @@ VOLTAGE = st.one_of(st.floats(0.0, 160.0), st.sampled_from([1.0, 150.0, 150.1, 1
 STEP = st.one_of(
     st.tuples(st.just("command"), st.tuples(st.sampled_from([50.0, 250.0, 7e3, 2e6]), VOLTAGE)),
     st.tuples(st.just("command"), st.tuples(st.just(250.0), st.floats(20.0, 150.0))),
-    st.tuples(st.sampled_from(["off_command", "hold", "watch", "read", "off", "stop", "reset", "connect"]), st.none()),
+    st.tuples(st.sampled_from(["off_command", "hold", "watch", "read", "off", "reset", "connect"]), st.none()),
     st.tuples(st.just("wait"), st.sampled_from([0.001, 0.01, 0.1, 0.6])),
     st.tuples(
         st.just("fault"),
@@ -193,8 +194,6 @@ def take(bench, what, argument):  # noqa: PLR0912 - one branch per kind of step
             rig.read_force()
         case "off":
             assert_honest(bench, rig.off())
-        case "stop":
-            assert_honest(bench, rig.stop())
         case "reset":
             rig.reset_trip()
         case "connect":

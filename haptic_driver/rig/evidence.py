@@ -1,0 +1,56 @@
+"""What is known about the output after switching it off, and how one finds out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from hw.amplifier.analog import AmplifierState, AnalogAmplifier
+from hw.generator.agilent_33220a.driver import Agilent33220A
+
+MONITOR_QUIET_V = 5.0  # at the electrode; what a monitor may read without anything being on
+MONITOR_POLL_S = 0.01
+
+
+@dataclass(frozen=True)
+class OffEvidence:
+    """What is known about the output after switching it off; None where nothing could be learnt."""
+
+    generator_off: bool | None
+    amplifier: AmplifierState
+    monitor_v: float | None
+
+    @property
+    def output_on(self) -> bool | None:
+        """False only with evidence: generator or enable line say off, and the monitor does not see a voltage."""
+        if self.monitor_v is not None and abs(self.monitor_v) > MONITOR_QUIET_V:
+            return True
+        if self.generator_off or self.amplifier is AmplifierState.DISABLED:
+            return False
+        return None if self.generator_off is None else True
+
+    def __str__(self) -> str:
+        """For a person."""
+        generator = {True: "generator says off", False: "generator says ON", None: "generator does not answer"}
+        monitor = "no monitor" if self.monitor_v is None else f"monitor reads {self.monitor_v:.3g} V"
+        return f"{generator[self.generator_off]}, amplifier {self.amplifier.value}, {monitor}"
+
+
+def switch_off(
+    generator: Agilent33220A, amplifier: AnalogAmplifier, settle_s: float, sleep: Callable[[float], None]
+) -> OffEvidence:
+    """Off, and a look at what came of it: no lock, no check.
+
+    The enable line goes first, since it is fast, and once more last, for those who raised it meanwhile. A real
+    electrode takes time to discharge: the monitor has `settle_s` to become quiet.
+    """
+    amplifier.disable()
+    generator_off = generator.off()
+    state = amplifier.disable()
+    voltage_v = amplifier.monitor_voltage_v()
+    for _ in range(round(settle_s / MONITOR_POLL_S)):
+        if voltage_v is None or abs(voltage_v) <= MONITOR_QUIET_V:
+            break
+        sleep(MONITOR_POLL_S)
+        voltage_v = amplifier.monitor_voltage_v()
+    return OffEvidence(generator_off, state, voltage_v)

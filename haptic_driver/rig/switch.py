@@ -1,0 +1,153 @@
+"""How the output of a rig comes on and goes off, who may raise the voltage, and what trips.
+
+What moves the output from state to state is the table in states.py.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+from haptic_driver.errors import HapticError
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.evidence import OffEvidence, switch_off
+from haptic_driver.rig.monitor import VoltageCheck, line_contradiction
+from haptic_driver.rig.states import Happening, OutputStates, RigEvent, Withdrawals
+from hw.amplifier.analog import AmplifierState, AnalogAmplifier
+from hw.analog.lines import Heartbeat
+from hw.errors import BadReply
+from hw.generator.agilent_33220a.driver import Agilent33220A
+from hw.generator.settings import ExternalModulation
+
+
+class OutputSwitch:
+    """Generator and amplifier as one switch, with the evidence of what it did.
+
+    `on` and `set_point` are for the thread that is `energising`, and end with Withdrawn as soon as anybody calls `off`,
+    which may come from any thread at any time. `heartbeats` rest once the output is shown to be off.
+    """
+
+    def __init__(
+        self,
+        config: RigConfig,
+        generator: Agilent33220A,
+        amplifier: AnalogAmplifier,
+        heartbeats: Sequence[Heartbeat],
+        *,
+        modulated: bool,
+        on_event: Callable[[RigEvent], None],
+        sleep: Callable[[float], None],
+    ) -> None:
+        self.states = OutputStates(on_event)
+        self._generator = generator
+        self._amplifier = amplifier
+        self._heartbeats = tuple(heartbeats)
+        self._modulation = ExternalModulation() if modulated else None
+        self._sleep = sleep
+        self._settle_s = config.safety.settle_s
+        self._lock_timeout_s = 4.0 * config.waveform_generator.reply_timeout_s
+        self._voltage = VoltageCheck(config.safety, modulated)
+        self._lock = threading.RLock()  # held by whoever may raise the voltage
+        self._withdrawals = Withdrawals()
+        self._permit = self._withdrawals.permit()  # of the thread that holds the lock
+
+    @property
+    def may_be_on(self) -> bool:
+        """Whether it has been switched on, or begun to be, and not off since."""
+        return self.states.output.may_be_on
+
+    @contextmanager
+    def energising(self, wait: bool = True) -> Iterator[bool]:
+        """This thread alone may raise the voltage, until anybody switches off; False where it did not wait for that."""
+        free = self._lock.acquire(blocking=wait)
+        try:
+            if free:
+                self._permit = self._withdrawals.permit()
+            yield free
+        finally:
+            if free:
+                self._lock.release()
+
+    def on(self, frequency_hz: float) -> None:
+        """Output on at the generator's minimum, then the amplifier enabled."""
+        if self._amplifier.fault:
+            self._trip("the amplifier's fault line says fault")
+        self.states.happens(Happening.STARTS, "commanded")
+        self.set_point(frequency_hz, self._generator.minimum_voltage_v)
+        self._generator.set_output(True)
+        self._permit.check()
+        amplifier = self._amplifier.enable()
+        self._permit.check()
+        if amplifier is AmplifierState.TRIPPED:
+            self._trip("the amplifier tripped when it was enabled")
+        if amplifier is AmplifierState.DISABLED:
+            raise BadReply(
+                "amplifier: its enable line reads low after being raised", "check the line, the interlock, the E-stop"
+            )
+        self.states.happens(Happening.CAME_ON, f"commanded, {frequency_hz:g} Hz")
+
+    def set_point(self, frequency_hz: float, voltage_v: float) -> None:
+        """Tell the generator."""
+        self._permit.check()
+        self._voltage.commanded(voltage_v)
+        self._generator.set_point(frequency_hz, voltage_v, modulation=self._modulation)
+        self._permit.check()
+
+    def check(self, time_s: float) -> None:
+        """Trip when amplifier or monitors contradict what was commanded."""
+        contradiction = line_contradiction(self._amplifier) if self.may_be_on else None
+        contradiction = contradiction or self._voltage.contradiction(time_s, self._amplifier.monitor_voltage_v())
+        if contradiction:
+            self._trip(contradiction)
+
+    def off(self) -> OffEvidence:
+        """Off at once, from any thread, and what is known of it. Never raises."""
+        self._withdrawals.begin()
+        free = self._lock.acquire(blocking=False)
+        evidence = self._switch_off()
+        if not free:
+            # Another thread was switching on; what it did after us is undone once it has noticed.
+            free = self._lock.acquire(timeout=self._lock_timeout_s)
+            evidence = self._switch_off()
+            if not free:
+                evidence = replace(evidence, generator_off=None, amplifier=AmplifierState.UNKNOWN)
+        try:
+            self._conclude(evidence)
+        finally:
+            self._withdrawals.end()
+            if free:
+                self._lock.release()
+        return evidence
+
+    def reset_trip(self) -> None:
+        """Allow it to come on again; raises HapticError while the reason may still be there."""
+        evidence = self.off()
+        reasons = [f"{evidence}"] if evidence.output_on is not False else []
+        reasons += ["the amplifier's fault line says fault"] if self._amplifier.fault else []
+        if reasons:
+            tripped = f"the rig stays tripped ({self.states.trip_reason})"
+            raise HapticError("trip_remains", f"{tripped}: {'; '.join(reasons)}", "remove the cause first")
+        self.states.happens(Happening.RESET, "trip reset")
+
+    def _trip(self, reason: str) -> None:
+        """Latch, switch off, and raise; not for what an `off` has done, whose own evidence counts."""
+        self._permit.check()
+        self.states.happens(Happening.TRIPS, reason)
+        evidence = self.off()
+        raise HapticError("tripped", f"the rig tripped: {reason} (output: {evidence})", "remove the cause, then reset")
+
+    def _switch_off(self) -> OffEvidence:
+        return switch_off(self._generator, self._amplifier, self._settle_s, self._sleep)
+
+    def _conclude(self, evidence: OffEvidence) -> None:
+        """Believe the evidence, and no more."""
+        shown = evidence.output_on is False
+        self._voltage.switched_off(shown)
+        if shown:
+            for heartbeat in self._heartbeats:
+                heartbeat.rest()
+        elif evidence.output_on:
+            self.states.happens(Happening.TRIPS, f"the output is on after being switched off: {evidence}")
+        self.states.happens(Happening.SHOWN_OFF if shown else Happening.NOT_SHOWN_OFF, str(evidence))
