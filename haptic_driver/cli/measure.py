@@ -36,7 +36,7 @@ from haptic_driver.experiments.stage_bench import StageBench
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.states import RigState
-from haptic_driver.simulation.rig import FrictionLaw, with_hidden
+from haptic_driver.simulation.friction import FrictionLaw, with_hidden
 from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel
 

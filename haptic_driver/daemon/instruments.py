@@ -13,7 +13,8 @@ from haptic_driver.rig.config import RigConfig, SimulatedAnalogOutputConfig
 from haptic_driver.rig.devices import Devices, connect_devices, output_settings
 from haptic_driver.rig.rig import build_rig
 from haptic_driver.rig.states import RigEvent
-from haptic_driver.simulation.lines import SCALE, SCREEN, Lines
+from haptic_driver.simulation.instruments import SCALE
+from haptic_driver.simulation.lines import SCREEN, Lines
 from hw.analog.served_output import ServedAnalogOutput
 from hw.errors import DeviceDisconnected
 from hw.finger.touch_screen import TouchEvents, TouchReports, TouchScreen

@@ -15,7 +15,8 @@ import numpy as np
 from haptic_driver.experiments.plan import Row
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.rig import Rig
-from haptic_driver.simulation.rig import FrictionLaw, SimulatedRig
+from haptic_driver.simulation.friction import FrictionLaw
+from haptic_driver.simulation.rig import SimulatedRig
 from hw.force.sensor import ForceReading
 from model.touch_model import TouchModel
 
@@ -100,7 +101,7 @@ class SimulatedBench:
         """See `Bench`."""
         draw = float(np.random.default_rng([*self._seed, 1, session]).standard_normal())
         self._session_gain = exp(self._scatter.session_gain * draw)
-        self.simulated.plant.time_s = time_s
+        self.simulated.instruments.plant.time_s = time_s
 
     def begin_row(self, number: int, row: Row) -> None:
         """See `Bench`."""
@@ -111,7 +112,7 @@ class SimulatedBench:
         """See `Bench`."""
         kept = exp(-dt_s / self._scatter.wobble_s)
         self._wobble = kept * self._wobble + sqrt(1.0 - kept * kept) * float(self._random.standard_normal())
-        self.simulated.finger_gain = self._session_gain * (1.0 + self._scatter.wobble * self._wobble)
+        self.simulated.instruments.finger_gain = self._session_gain * (1.0 + self._scatter.wobble * self._wobble)
         self.simulated.step(dt_s, normal_force_n, speed_m_s)
         self._time_s += dt_s
 

@@ -8,17 +8,14 @@ GAIN x                how much more friction than its model the finger has; a kn
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable
 
-from hw.amplifier.simulated import SimulatedAmplifier
+from haptic_driver.simulation.instruments import SimulatedInstruments
 from hw.errors import BadReply
 from hw.finger.simulated_touch_screen import Panel
 from hw.finger.touch_screen import TouchCalibration
-from hw.force.net_ft import NetFtScale
 from hw.transport.contract import Transport
 
 REPLY_TIMEOUT_S = 1.0
-SCALE = NetFtScale(counts_per_n=1e6, counts_per_n_m=1e6)
 PANEL = Panel(x_counts_per_m=100e3, y_counts_per_m=-100e3, x_origin_raw=50, y_origin_raw=6050, report_rate_hz=250.0)
 SCREEN = TouchCalibration(  # counts of PANEL to metres, exact by construction
     ((1e-5, 0.0, -50e-5), (0.0, -1e-5, 6050e-5)), datetime.date(2024, 1, 1), placeholder=False
@@ -26,33 +23,28 @@ SCREEN = TouchCalibration(  # counts of PANEL to metres, exact by construction
 
 
 class LinesServer:
-    """Answers for the amplifier's lines; `changed` is called after each write, `set_gain` for a new finger."""
+    """Answers for the lines of the simulated amplifier, and for the finger's gain."""
 
-    def __init__(
-        self, amplifier: SimulatedAmplifier, changed: Callable[[], object], set_gain: Callable[[float], object]
-    ) -> None:
-        self._amplifier = amplifier
-        self._changed = changed
-        self._set_gain = set_gain
+    def __init__(self, instruments: SimulatedInstruments) -> None:
+        self._instruments = instruments
 
     def handle(self, data: bytes) -> bytes:
         """Carry out one line and answer it."""
+        instruments = self._instruments
+        amplifier = instruments.amplifier
         match data.split():
             case [b"ENABLE", (b"0" | b"1") as level]:
-                self._amplifier.write(level == b"1")
-                self._changed()
-                return self._level()
+                amplifier.write(level == b"1")
+                instruments.tell_drive()
+                return b"%d\n" % amplifier.read()
             case [b"ENABLE?"]:
-                return self._level()
+                return b"%d\n" % amplifier.read()
             case [b"VOLTAGE?"]:
-                return b"%.9g\n" % self._amplifier.read_v()
+                return b"%.9g\n" % amplifier.read_v()
             case [b"GAIN", gain]:
-                self._set_gain(float(gain))
+                instruments.finger_gain = float(gain)
                 return gain + b"\n"
         return b"ERROR\n"
-
-    def _level(self) -> bytes:
-        return b"%d\n" % self._amplifier.read()
 
 
 class Lines:

@@ -9,7 +9,6 @@ force_sensor               a Net F/T box, `host:port` for UDP; 1e6 counts per N,
 
 from __future__ import annotations
 
-import random
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -24,9 +23,8 @@ from haptic_driver.rig.config import (
     StageFingerConfig,
     WatchdogConfig,
 )
-from haptic_driver.simulation.rig import friction_of, simulated_amplifier, simulated_generator, with_hidden
-from hw.finger.plant import FingerPlant
-from hw.force.net_ft_server import NetFtServer
+from haptic_driver.simulation.friction import friction_of, with_hidden
+from haptic_driver.simulation.instruments import SCALE, SimulatedInstruments
 from hw.safety.simulated_interlock import SimulatedInterlock
 from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
@@ -36,7 +34,6 @@ from model.touch_model import TouchModel
 NORMAL_FORCE_N = 0.5  # of the finger on the screen
 SPEED_STEP_M_S = 1e-3  # the model is asked about whole millimetres per second: answers are kept
 FORCE_RATE_HZ = 1000.0
-COUNTS_PER_N = 1e6
 START_MM = 5.0  # of the stage: homing takes a second
 
 
@@ -49,60 +46,47 @@ class ServedRig:
     """
 
     def __init__(self, config: RigConfig, model: TouchModel, *, generator_port: int = 0) -> None:
-        simulation = config.simulation
         self.interlock = SimulatedInterlock()
-        self.amplifier = simulated_amplifier(config, interlock=lambda: self.interlock.closed)
+        self.instruments = SimulatedInstruments(
+            config, friction_of(with_hidden(model, config.simulation.hide)),
+            contact=lambda: self.interlock.closed, force_rate_hz=FORCE_RATE_HZ, generator_port=generator_port,
+        )  # fmt: skip
+        self.amplifier, self.generator = self.instruments.amplifier, self.instruments.generator
         self.amplifier.write(True)
-        self.generator = simulated_generator(config, self.amplifier)
         self.stage = SimulatedLts150(time.monotonic, start_mm=START_MM)
-        law = friction_of(with_hidden(model, simulation.hide))
-        self._plant = FingerPlant(
-            lambda f, v, n, speed: law(f, v, n, speed, self._plant.time_s),
-            cutoff_hz_per_mm_s=simulation.friction_cutoff_hz_per_mm_s,
-        )
         self._position_mm = self.stage.position_mm
         self._pressing = False
-        self._noise = random.Random(simulation.seed)
-        self._noise_n = simulation.force_noise_n
-        self._generator_tcp = TcpServer(self.generator, generator_port)
         self._generator_serial = SerialServer(self.generator)
         self._interlock_tcp = TcpServer(self.interlock)
         self._interlock_serial = SerialServer(self.interlock, framed=False)
         self._stage_serial = SerialServer(self.stage, framed=False)
-        self._force = NetFtServer(
-            self._wrench, counts_per_n=COUNTS_PER_N, counts_per_n_m=COUNTS_PER_N, rate_hz=FORCE_RATE_HZ
-        )
 
     @property
     def endpoints(self) -> dict[str, str]:
         """Where everything is, by the names above."""
         return {
-            "waveform_generator": self._generator_tcp.resource,
+            "waveform_generator": self.instruments.generator_server.resource,
             "waveform_generator_serial": self._generator_serial.resource,
             "interlock": self._interlock_serial.resource,
             "interlock_tcp": self._interlock_tcp.resource,
             "stage": self._stage_serial.resource,
-            "force_sensor": f"{self._force.host}:{self._force.port}",
+            "force_sensor": f"{self.instruments.force_box.host}:{self.instruments.force_box.port}",
         }
 
     def advance(self, dt_s: float) -> None:
         """Let `dt_s` pass: settings reach the terminals, the stage has moved the finger, friction follows."""
-        self.generator.advance(dt_s)
-        output = self.generator.output()
-        voltage_v = self.amplifier.step(dt_s, output)
         before_mm, self._position_mm = self._position_mm, self.stage.position_mm
         speed_m_s = abs(self._position_mm - before_mm) * 1e-3 / dt_s
         speed_m_s = SPEED_STEP_M_S * round(speed_m_s / SPEED_STEP_M_S)
         self._pressing = self._pressing or self.stage.moving
-        force_n = NORMAL_FORCE_N if self._pressing else 0.0
-        self._plant.step(dt_s, output.frequency_hz, voltage_v, force_n, speed_m_s)
+        self.instruments.step(dt_s, NORMAL_FORCE_N if self._pressing else 0.0, speed_m_s)
 
     def __enter__(self) -> Self:
         """Serve."""
         with ExitStack() as serving:
             for server in (
-                self._generator_tcp, self._generator_serial, self._interlock_tcp, self._interlock_serial,
-                self._stage_serial, self._force,
+                self.instruments, self._generator_serial, self._interlock_tcp, self._interlock_serial,
+                self._stage_serial,
             ):  # fmt: skip
                 serving.enter_context(server)
             self._serving = serving.pop_all()
@@ -113,13 +97,6 @@ class ServedRig:
     ) -> None:
         """Stop serving."""
         self._serving.close()
-
-    def _wrench(self) -> tuple[float, float, float, float, float, float]:
-        lateral_n, normal_n = (
-            force_n + self._noise.gauss(0.0, self._noise_n)
-            for force_n in (self._plant.lateral_force_n, self._plant.normal_force_n)
-        )
-        return lateral_n, 0.0, -normal_n, 0.0, 0.0, 0.0
 
 
 def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
@@ -133,7 +110,7 @@ def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
             "interlock": InterlockBox(kind="box", resource=endpoints["interlock"]),
             "watchdog": WatchdogConfig(generator=generator, interlock=endpoints["interlock_tcp"]),
             "force_sensor": NetFtForceSensorConfig(
-                kind="net_ft", host=host, port=int(port), counts_per_n=COUNTS_PER_N, counts_per_n_m=COUNTS_PER_N,
+                kind="net_ft", host=host, port=int(port), **SCALE._asdict(),
                 normal_axis="-z", lateral_axis="x",
             ),
             "stage": StageConfig(

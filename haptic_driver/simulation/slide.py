@@ -99,7 +99,7 @@ def render_slide(
             bench.step(TICK_S, float(slide.normal_force_n[i]), float(speed[i]))
             reading = rig.read_force()
             lateral[i], normal[i], saturated[i] = reading.lateral_force_n, reading.normal_force_n, reading.saturated
-            voltage[i], frequency[i] = bench.voltage_v, bench.frequency_hz
+            voltage[i], frequency[i] = bench.instruments.voltage_v, bench.instruments.frequency_hz
             contact[i], reachable[i] = done.finger.in_contact, done.wanted.reachable
             gain[i] = state.controller.estimate.gain
             progress(i)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 import socket
 import struct
 import threading
@@ -39,8 +40,8 @@ class NetFtServer(Running):
     """One box on 127.0.0.1, serving the latest client that asked for a stream.
 
     Requests: 0 stop, 2 stream (count 0: endless), 0x41 reset latch, 0x42 software bias; others and malformed ones are
-    ignored, as nothing is ever acknowledged. Streams at `rate_hz`, or, when that is None, only by `emit`. Answers
-    between `start` and `close`, or inside a `with` block.
+    ignored, as nothing is ever acknowledged. Streams at `rate_hz`, or, when that is None, one record at the request and
+    then by `emit`. Forces end at `range_n`, with the bad status. Answers from `start` to `close`, or in a `with` block.
     """
 
     def __init__(
@@ -50,6 +51,7 @@ class NetFtServer(Running):
         counts_per_n: float = 1e6,
         counts_per_n_m: float = 1e6,
         rate_hz: float | None = 1000.0,
+        range_n: float = math.inf,
         bad_status_raw: int = 0x80020000,
         port: int = 0,
     ) -> None:
@@ -57,6 +59,7 @@ class NetFtServer(Running):
         self.requests: list[int] = []
         self._wrench = wrench
         self._scale = (counts_per_n,) * 3 + (counts_per_n_m,) * 3
+        self._range_n = range_n
         self._period_s = None if rate_hz is None else 1.0 / rate_hz
         self._bad_status_raw = bad_status_raw
         self._bias = (0.0,) * 6
@@ -141,6 +144,7 @@ class NetFtServer(Running):
                     self._client = None
                 case 2:
                     self._client, self._remaining, self._endless = client, count, count == 0
+                    self._emit()
                 case 0x41:
                     self.status_raw = 0
                 case 0x42:
@@ -181,10 +185,13 @@ class NetFtServer(Running):
         self._rdt_sequence = (self._rdt_sequence + 1) % _COUNTER_MODULUS
         if fault is not RdtFault.FROZEN:
             self._f_t_sequence = (self._f_t_sequence + 1) % _COUNTER_MODULUS
-        status = self._bad_status_raw if fault is RdtFault.BAD_STATUS else self.status_raw
+        wrench = self._wrench()
+        saturated = max(map(abs, wrench[:3])) >= self._range_n
+        status = self._bad_status_raw if saturated or fault is RdtFault.BAD_STATUS else self.status_raw
+        forces = (max(-self._range_n, min(value, self._range_n)) for value in wrench[:3])
         counts = (
             max(-_COUNT_END, min(round((value - bias) * scale), _COUNT_END))
-            for value, bias, scale in zip(self._wrench(), self._bias, self._scale, strict=True)
+            for value, bias, scale in zip((*forces, *wrench[3:]), self._bias, self._scale, strict=True)
         )
         return _RECORD.pack(self._rdt_sequence, self._f_t_sequence, status, *counts)
 

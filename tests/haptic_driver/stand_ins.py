@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import threading
 from contextlib import contextmanager
 
@@ -56,3 +57,19 @@ def living_rig(rig_config, touch):
         finally:
             ended.set()
             world.join()
+
+
+class PlantSensor:
+    """A force sensor on a finger's plant, with as much noise as a real one."""
+
+    def __init__(self, plant, noise_n=0.003):
+        self.plant = plant
+        self.noise_n = noise_n
+        self.random = random.Random(1)
+
+    def read(self):
+        normal_n, lateral_n = (
+            force_n + self.random.gauss(0.0, self.noise_n)
+            for force_n in (self.plant.normal_force_n, self.plant.lateral_force_n)
+        )
+        return ForceReading(self.plant.time_s, normal_n, lateral_n, False)

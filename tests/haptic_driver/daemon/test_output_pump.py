@@ -17,12 +17,13 @@ from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.config import NoAnalogOutput, load_rig
 from haptic_driver.rig.rig import build_rig
 from haptic_driver.rig.states import RigState
-from haptic_driver.simulation.rig import simulated_amplifier, simulated_generator, surface_friction
+from haptic_driver.simulation.friction import surface_friction
+from haptic_driver.simulation.instruments import simulated_amplifier, simulated_generator
 from hw.analog.output import AnalogOutputSettings
 from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.finger.plant import FingerPlant
-from hw.force.simulated import SimulatedForceSensor
 from hw.testing.memory import MemoryTransport
+from tests.haptic_driver.stand_ins import PlantSensor
 
 TICK_S = 0.001
 FORCE_N, SPEED_M_S = 0.5, 0.04
@@ -36,9 +37,9 @@ class Loop:
         config = load_rig(name)
         law = surface_friction(surface_file, config.operating_limits())
         self.amplifier = simulated_amplifier(config)
-        self.generator = simulated_generator(config, self.amplifier)
+        self.generator = simulated_generator(config, self.amplifier.drive)
         self.plant = FingerPlant(lambda f, v, n, s: gain * law(f, v, n, s, 0.0))
-        sensor = SimulatedForceSensor(self.plant, noise_n=0.003, range_n=20.0, seed=1)
+        sensor = PlantSensor(self.plant)
         analog = config.analog_output
         self.card = None
         if not isinstance(analog, NoAnalogOutput):

@@ -186,13 +186,13 @@ def _reset(daemon):
 
 def test_sensors_that_fall_silent_are_connected_anew(daemon, served):
     before = daemon.instruments
-    served._force.inject(RdtFault.SILENCE, count=math.inf)
+    served.instruments.force_box.inject(RdtFault.SILENCE, count=math.inf)
     until(lambda: daemon.status().state is DaemonState.FAULT)
     assert "sent no usable record" in daemon.status().fault
     until(lambda: daemon.instruments is None)
     assert daemon.status().output_on is None  # nobody to ask
     assert refusal(daemon.reset).code == "cause_remains"
-    served._force.heal()
+    served.instruments.force_box.heal()
     until(lambda: daemon.instruments is not None)
     until(lambda: _reset(daemon))
     assert daemon.instruments is not before

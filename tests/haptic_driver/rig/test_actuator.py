@@ -8,12 +8,13 @@ from haptic_driver.rig.actuator import EnvelopeActuator, SetpointActuator, actua
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.rig import build_rig
 from haptic_driver.signals import NO_COMMAND, NO_COURSE, Course, DriveCommand
-from haptic_driver.simulation.rig import SimulatedRig, simulated_amplifier, simulated_generator
+from haptic_driver.simulation.instruments import simulated_amplifier, simulated_generator
+from haptic_driver.simulation.rig import SimulatedRig
 from hw.analog.output import AnalogOutputSettings
 from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.finger.plant import FingerPlant
-from hw.force.simulated import SimulatedForceSensor
 from hw.testing.memory import MemoryTransport
+from tests.haptic_driver.stand_ins import PlantSensor
 
 RATE_HZ, SAMPLES, LEAD_S = 50e3, 50, 0.003
 ON = DriveCommand(250.0, 80.0, True)
@@ -24,9 +25,9 @@ class Bench:
 
     def __init__(self, config):
         self.electrode = simulated_amplifier(config)
-        self.generator = simulated_generator(config, self.electrode)
+        self.generator = simulated_generator(config, self.electrode.drive)
         self.output = SimulatedAnalogOutput(AnalogOutputSettings(-5.0, 5.0, -5.0, RATE_HZ))
-        sensor = SimulatedForceSensor(FingerPlant(lambda f, v, n, s: 0.5 * n), noise_n=0.0, range_n=20.0, seed=1)
+        sensor = PlantSensor(FingerPlant(lambda f, v, n, s: 0.5 * n), noise_n=0.0)
         self.lie_v = None
         self.rig = build_rig(
             config, MemoryTransport(self.generator), sensor, self.electrode, self,
@@ -215,6 +216,6 @@ def test_set_points_are_the_command(rig_config, touch):
             actuator.command(1e-3 * k, ON)
             actuator.play(ON, NO_COURSE)
             bench.step(1e-3, 0.5, 0.04)
-        assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
+        assert bench.instruments.voltage_v == pytest.approx(80.0, rel=1e-3)
         assert actuator.off().output_on is False
-        assert bench.voltage_v == 0.0
+        assert bench.instruments.voltage_v == 0.0

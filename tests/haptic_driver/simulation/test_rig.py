@@ -13,7 +13,8 @@ from haptic_driver.render.texture import Grating, Uniform
 from haptic_driver.render.tick import TickSettings
 from haptic_driver.rig.slide import Slide, synthetic_slide
 from haptic_driver.signals import DriveCommand
-from haptic_driver.simulation.rig import SimulatedRig, friction_of
+from haptic_driver.simulation.friction import friction_of
+from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import render_slide, score
 from haptic_driver.surface.models import load_model
 from hw.testing.faulty_instrument import Fault, FaultyInstrument
@@ -164,7 +165,7 @@ def test_a_generator_that_fails_in_the_middle_of_a_slide(stages, rig_config, tou
 
         def spoil(tick):
             if tick == 150:
-                assert bench.voltage_v > 50.0
+                assert bench.instruments.voltage_v > 50.0
                 faulty.begin(fault, count)
 
         with pytest.raises(HapticError) as failed:
@@ -180,7 +181,7 @@ def test_a_generator_that_fails_in_the_middle_of_a_slide(stages, rig_config, tou
         for _ in range(200):
             bench.step(1e-3, 0.5, 0.04)
         assert bench.amplifier.output_on_s == energised_s
-        assert bench.voltage_v == 0.0
+        assert bench.instruments.voltage_v == 0.0
         assert bench.amplifier.read() is False
 
 
@@ -192,14 +193,14 @@ def test_the_generator_itself_is_off_too_once_it_answers_again(rig_config, touch
         bench.rig.connect()
         bench.rig.command(0.0, DriveCommand(250.0, 80.0, True))
         bench.step(0.05, 0.5, 0.04)
-        assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
+        assert bench.instruments.voltage_v == pytest.approx(80.0, rel=1e-3)
         faulty.begin(fault, 1)
         with pytest.raises(HapticError) as failed:
             bench.rig.command(0.1, DriveCommand(250.0, 90.0, True))
         assert "generator says off" in failed.value.message
         bench.amplifier.write(True)  # so that only the generator keeps the electrode at zero
         bench.step(0.05, 0.5, 0.04)
-        assert bench.voltage_v == 0.0
+        assert bench.instruments.voltage_v == 0.0
 
 
 @pytest.mark.timeout(60)
@@ -235,5 +236,5 @@ def test_an_interrupt_leaves_the_output_off(stages, rig_config, touch):
         with pytest.raises(KeyboardInterrupt):
             render_slide(press(), GRATING, stages(GRATING), bench, interrupt)
         bench.step(1e-3, 0.5, 0.04)
-        assert bench.voltage_v == 0.0
+        assert bench.instruments.voltage_v == 0.0
         assert bench.amplifier.read() is False

@@ -9,7 +9,8 @@ from haptic_driver.config import texture_dirs
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.slide import Slide, synthetic_slide
 from haptic_driver.rig.tick_settings import tick_settings
-from haptic_driver.simulation.rig import SimulatedRig, surface_friction
+from haptic_driver.simulation.friction import surface_friction
+from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import render_slide
 from haptic_driver.textures.library import load_texture
 from hw.testing.recording import Recording, Replay, ReplayMismatch

@@ -192,19 +192,25 @@ def test_without_news_the_old_reading_keeps_its_time_and_then_is_an_error(box: N
     device.close()
 
 
+def test_forces_end_at_the_range_of_the_sensor_and_are_then_not_to_be_trusted() -> None:
+    force_n = [19.9]
+    with NetFtServer(lambda: (-force_n[0], 0.0, 0.0, 0.0, 0.0, 0.0), rate_hz=None, range_n=20.0) as box:
+        device = client_of(box.port)
+        device.open()
+        reading = device.read()
+        assert (reading.lateral_force_n, reading.saturated) == (pytest.approx(-19.9), False)
+        force_n[0] = 25.0
+        box.emit(1)
+        until(lambda: device.read().saturated)
+        assert device.read().lateral_force_n == pytest.approx(-20.0)
+        device.close()
+
+
 def test_what_piled_up_while_nobody_looked_is_not_taken_for_new() -> None:
     force_n, offset_s = [1.0], [0.0]
     with NetFtServer(lambda: (0.0, 0.0, -force_n[0], 0.0, 0.0, 0.0), rate_hz=None) as box:
         device = client_of(box.port, clock=lambda: time.monotonic() + offset_s[0], timeout_s=0.3)
-
-        def first() -> None:
-            until(lambda: box.streaming)
-            box.emit(1)
-
-        emitter = threading.Thread(target=first)
-        emitter.start()
         device.open()
-        emitter.join(HANG_S)
         box.emit(50)
         time.sleep(0.02)
         offset_s[0] = 10.0

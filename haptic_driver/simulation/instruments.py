@@ -1,0 +1,135 @@
+"""The simulated instruments of a rig, wired to one another and to the finger that feels them.
+
+Driver, limits and safety are those of a real rig: what is simulated lies beyond the wires. Time passes in steps.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self
+
+from haptic_driver.rig.config import RigConfig, SimulatedAnalogOutputConfig
+from haptic_driver.simulation.friction import FrictionLaw
+from hw.amplifier.simulated import SimulatedAmplifier
+from hw.analog.simulated_output import SimulatedCard
+from hw.finger.plant import FingerPlant
+from hw.force.net_ft import NetFtScale
+from hw.force.net_ft_server import NetFtServer
+from hw.generator.agilent_33220a.simulator import GeneratorLatency, Simulated33220A, TerminalOutput
+from hw.serving.tcp import TcpServer
+from hw.testing.memory import Responder
+
+SCALE = NetFtScale(counts_per_n=1e6, counts_per_n_m=1e6)  # of the force sensor
+
+
+class SimulatedInstruments:
+    """Generator, amplifier, force sensor and finger; a card too, wired to Modulation In, where the rig's file has one.
+
+    Generator and force sensor answer over their own wires inside a `with` block; the amplifier's lines are its own
+    methods. `friction` is the finger's, `finger_gain` multiplies it. `contact` is in series with the amplifier's enable
+    line. `wrap` may put something between the generator and its socket, such as faults. `on_drive` hears (frequency_hz,
+    voltage_v) whenever what is at the electrode may have changed. Without `force_rate_hz` the force sensor sends by
+    `force_box.emit` alone, pressing along -z and sliding along x.
+    """
+
+    def __init__(
+        self,
+        config: RigConfig,
+        friction: FrictionLaw,
+        *,
+        contact: Callable[[], bool] = lambda: True,
+        wrap: Callable[[Responder], Responder] = lambda generator: generator,
+        on_drive: Callable[[float, float], object] = lambda frequency_hz, voltage_v: None,
+        force_rate_hz: float | None = None,
+        generator_port: int = 0,
+    ) -> None:
+        simulation, output = config.simulation, config.analog_output
+        self.amplifier = simulated_amplifier(config, contact)
+        self.generator = simulated_generator(config, self._drive)
+        self.card = SimulatedCard(output.zero_level_v) if isinstance(output, SimulatedAnalogOutputConfig) else None
+        self.finger_gain = 1.0
+        self.plant = FingerPlant(
+            lambda f, v, n, speed: self.finger_gain * friction(f, v, n, speed, self.plant.time_s),
+            cutoff_hz_per_mm_s=simulation.friction_cutoff_hz_per_mm_s,
+        )
+        self.generator_server = TcpServer(wrap(self.generator), generator_port)
+        self.force_box = NetFtServer(
+            self._wrench, **SCALE._asdict(), rate_hz=force_rate_hz, range_n=simulation.force_range_n
+        )
+        self._on_drive = on_drive
+        self._noise = random.Random(simulation.seed)
+        self._noise_n = simulation.force_noise_n
+        self._serving = ExitStack()
+
+    def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
+        """Let `dt_s` pass with the finger pressing and sliding so; the outputs act on it."""
+        if self.card is not None:
+            self.card.advance(dt_s)
+            self.generator.set_modulation_input(self.card.terminal_v)
+        self.generator.advance(dt_s)
+        output = self.generator.output()
+        voltage_v = self.amplifier.step(dt_s, output)
+        self._on_drive(output.frequency_hz, voltage_v)
+        self.plant.step(dt_s, output.frequency_hz, voltage_v, normal_force_n, speed_m_s)
+
+    def tell_drive(self) -> None:
+        """Say what is at the electrode."""
+        self._on_drive(self.frequency_hz, self.voltage_v)
+
+    @property
+    def voltage_v(self) -> float:
+        """Peak voltage at the electrode now."""
+        return self.amplifier.voltage_v
+
+    @property
+    def frequency_hz(self) -> float:
+        """Frequency at the generator's terminals now."""
+        return self.generator.output().frequency_hz
+
+    def __enter__(self) -> Self:
+        """Serve."""
+        with ExitStack() as serving:
+            for server in (self.generator_server, self.force_box):
+                serving.enter_context(server)
+            self._serving = serving.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop serving."""
+        self._serving.close()
+
+    def _drive(self, output: TerminalOutput) -> None:
+        """What the generator does between steps."""
+        self.amplifier.drive(output)
+        self._on_drive(output.frequency_hz, self.amplifier.voltage_v)
+
+    def _wrench(self) -> tuple[float, float, float, float, float, float]:
+        normal_n, lateral_n = (
+            force_n + self._noise.gauss(0.0, self._noise_n)
+            for force_n in (self.plant.normal_force_n, self.plant.lateral_force_n)
+        )
+        return lateral_n, 0.0, -normal_n, 0.0, 0.0, 0.0
+
+
+def simulated_amplifier(config: RigConfig, contact: Callable[[], bool] = lambda: True) -> SimulatedAmplifier:
+    """The amplifier as the rig's file describes it, with a contact in series with its enable line."""
+    amplifier = config.amplifier
+    return SimulatedAmplifier(
+        amplifier.gain_v_per_v,
+        amplifier.voltage_limit_v,
+        voltage_monitor_v_per_v=amplifier.voltage_monitor_v_per_v,
+        interlock=contact,
+    )
+
+
+def simulated_generator(config: RigConfig, listener: Callable[[TerminalOutput], object]) -> Simulated33220A:
+    """The generator that drives it; `listener` hears also what it does between steps."""
+    simulation, modulation = config.simulation, config.waveform_generator.modulation_input
+    latency = GeneratorLatency(amplitude_s=simulation.amplitude_latency_s, frequency_s=simulation.frequency_latency_s)
+    highest = 1.0 if modulation is None else modulation.amplitude_at_full_scale
+    return Simulated33220A(latency, listener=listener, am_full_scale=highest)
