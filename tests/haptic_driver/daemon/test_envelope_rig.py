@@ -90,10 +90,11 @@ def test_an_envelope_that_runs_dry_is_counted_flagged_and_told(daemon):
         time.sleep(0.05)
 
     def told():
-        return [event.data["underruns"] for event in daemon.events(last) if event.message == "underrun"]
+        counts = [event.data["underruns"] for event in daemon.events(last) if event.message == "underrun"]
+        return [count for count in counts if count > before]  # one of earlier gaps may be told late
 
     keep_rendering(daemon, lease.token, told)
-    assert daemon.status().underruns >= told()[0] > before
+    assert daemon.status().underruns >= told()[0]
     assert "underrun" in daemon.status().flags
     daemon.disarm()
     daemon.arm(1.0)

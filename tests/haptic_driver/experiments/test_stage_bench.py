@@ -195,7 +195,7 @@ voltage_v = 75.0
 normal_force_n = {NORMAL_FORCE_N}
 speed_m_s = {SPEED_M_S}
 settle_s = 0.2
-average_s = 0.5
+average_s = 1.0  # twice the readings that are needed: the machine may be busy
 pause_s = 0.0
 """
 STAGE = """
