@@ -13,7 +13,7 @@ from math import inf, pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from haptic_driver.signals import Array
 
 # ICNIRP 2010, Health Phys. 99:818, contact current, general public: 0.5 mA to 2.5 kHz, 0.2 mA per kHz to 100 kHz.
 ICNIRP_PUBLIC_A_RMS = ((1.0, 0.5e-3), (2.5e3, 0.5e-3), (100e3, 20e-3), (10e6, 20e-3))

@@ -11,6 +11,9 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
 Policy = Literal["max_authority", "min_voltage", "min_current", "fixed_frequency", "carrier"]
 """What the controller chooses frequencies for."""
 POLICIES: tuple[Policy, ...] = get_args(Policy)

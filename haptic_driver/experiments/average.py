@@ -6,9 +6,8 @@ from math import isfinite, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from haptic_driver.signals import Array
 
 WINDOW_FACTOR = 3.0  # the autocorrelation is summed over this many correlation times: least error for wobbles as here
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.average import Measured, average
@@ -24,10 +23,8 @@ from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.rig import Rig, require_verified
 from haptic_driver.rig.states import RigState
-from haptic_driver.signals import OperatingPoint
+from haptic_driver.signals import Array, OperatingPoint
 from model.touch_model import TouchModel
-
-Array = NDArray[np.float64]
 
 READING_S = 0.005  # between force readings; longer where sensor or output take longer
 LEAST_READINGS = 40  # in a window: fewer say nothing of their own scatter

@@ -32,8 +32,9 @@ from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.surface import NO_CAPS, invert
 from haptic_driver.rig.config import load_rig
+from haptic_driver.signals import Array
 from haptic_driver.surface.build import SurfaceAxes, build_surface
-from haptic_driver.surface.file import Array, SurfaceFile, ready_for_lookup
+from haptic_driver.surface.file import SurfaceFile, ready_for_lookup
 from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
 from model.description import ModelDescription

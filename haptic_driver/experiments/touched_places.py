@@ -17,14 +17,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.files import bad_input
+from haptic_driver.signals import Array
 from hw.finger.touch_screen import RawTouch, TouchCalibration, fit_calibration
 from model.support.tables import Table, read_table
-
-Array = NDArray[np.float64]
 
 HOLD_S = 0.5  # so long a finger must hold still; its place is the mean over that time
 LIFT_S = 0.2  # so long it must be away: a contact that flickers is no lift

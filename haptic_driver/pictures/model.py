@@ -12,11 +12,11 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from haptic_driver.pictures.files import plt, saved
+from haptic_driver.signals import Array
 from model.analysis.calibration import Calibration
 from model.analysis.sensitivity import Sensitivity
 from model.analysis.spectra import ForceSpectrum, Steepness
 
-Array = NDArray[np.float64]
 MODEL, DATA, QUIET = "#1b6ca8", "#d1495b", "#9aa0a6"
 COLOURS = ("#1b6ca8", "#d1495b", "#e08e0b", "#5b8c5a", "#6a4c93", "#3a3a3a")
 PERCENTILES = (5, 25, 75, 95)

@@ -18,9 +18,9 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 from numba.core import event
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from haptic_driver.signals import Array
+
 F = TypeVar("F", bound=Callable[..., object])
 
 _kernels: list[Any] = []

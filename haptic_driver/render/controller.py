@@ -18,7 +18,7 @@ from numba import typed
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render import feedback
-from haptic_driver.render.compiled import Array, kernel, laid_out
+from haptic_driver.render.compiled import kernel, laid_out
 from haptic_driver.render.correction import NO_CORRECTION, Correction, Factors, factors_at
 from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains
 from haptic_driver.render.surface import (
@@ -36,7 +36,7 @@ from haptic_driver.render.surface import (
     locate,
     place_of,
 )
-from haptic_driver.signals import POLICIES, DriveCommand, FingerState, OperatingPoint, Policy, TargetFriction
+from haptic_driver.signals import POLICIES, Array, DriveCommand, FingerState, OperatingPoint, Policy, TargetFriction
 
 MERIT_AUTHORITY, MERIT_VOLTAGE, MERIT_CURRENT = 0, 1, 2
 MERITS = {"min_voltage": MERIT_VOLTAGE, "min_current": MERIT_CURRENT}

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_driver.render.compiled import Array, kernel
+from haptic_driver.render.compiled import kernel
 from haptic_driver.render.surface import between
-from haptic_driver.signals import FingerState
+from haptic_driver.signals import Array, FingerState
 
 
 class Correction(NamedTuple):

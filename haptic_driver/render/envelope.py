@@ -13,9 +13,9 @@ from __future__ import annotations
 import numpy as np
 
 from haptic_driver.render import safety
-from haptic_driver.render.compiled import Array, kernel
+from haptic_driver.render.compiled import kernel
 from haptic_driver.render.tick import Tick, TickSettings, TickState
-from haptic_driver.signals import COURSE_POINTS
+from haptic_driver.signals import COURSE_POINTS, Array
 
 _SHARES = np.arange(1, COURSE_POINTS + 1) / COURSE_POINTS
 ZERO = np.zeros(COURSE_POINTS)

@@ -34,10 +34,10 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.render.compiled import Array, kernel
+from haptic_driver.render.compiled import kernel
 from haptic_driver.render.correction import Correction, factors_at
 from haptic_driver.render.surface import Surface, at_node, at_voltage, between, place_of
-from haptic_driver.signals import DriveCommand, FingerState
+from haptic_driver.signals import Array, DriveCommand, FingerState
 
 COMMANDS_KEPT = 128
 LONGEST_LATENCY_S = 0.1  # so far so many commands reach back, at 1 kHz

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_driver.render.compiled import Array, kernel
+from haptic_driver.render.compiled import kernel
+from haptic_driver.signals import Array
 
 ON_NODE = 1e-9  # of a cell: so near to a node is the node
 

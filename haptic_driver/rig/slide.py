@@ -6,14 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input
+from haptic_driver.signals import Array, Mask
 from model.support.tables import Table, read_table
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 TICK_S = 0.001
 AVERAGE_S = 0.010  # window over which forces and positions are averaged, centred

@@ -14,8 +14,8 @@ import numpy as np
 from haptic_driver.render.texture import Texture
 from haptic_driver.render.tick import TickSettings, TickState, tick
 from haptic_driver.rig.evidence import OffEvidence
-from haptic_driver.rig.slide import TICK_S, Array, Mask, Slide, average
-from haptic_driver.signals import FingerSample
+from haptic_driver.rig.slide import TICK_S, Slide, average
+from haptic_driver.signals import Array, FingerSample, Mask
 from haptic_driver.simulation.rig import SimulatedRig
 from hw.force.sensor import ForceReading
 

@@ -13,7 +13,8 @@ import numpy as np
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.correction import Correction
-from haptic_driver.surface.file import Array, CofInterval, SurfaceFile
+from haptic_driver.signals import Array
+from haptic_driver.surface.file import CofInterval, SurfaceFile
 from model.analysis import uncertainty
 from model.conditions import Conditions
 from model.description import ModelDescription

@@ -25,6 +25,7 @@ from haptic_driver.files import replacing
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.correction import Correction
 from haptic_driver.render.surface import Surface
+from haptic_driver.signals import Array, Mask
 from model.support.interpolation import linear_weights, polynomial_weights
 
 FORMAT = "haptic-driver surface"
@@ -34,9 +35,6 @@ CORRECTION, COF = "correction_", "cof_"  # before the names of a correction's da
 ROUNDING = 1e-9  # kept clear of a limit, so that its own check by another path never fails by rounding
 FORCE_REFINEMENT = 4  # cells of the look-up per cell of the file along normal force
 FORCE_LEVELS = 5  # nearest, that a polynomial between them goes through
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 class CofInterval(NamedTuple):
