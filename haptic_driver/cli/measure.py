@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable
 from math import ceil
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.text import Text
@@ -103,16 +103,19 @@ def measure(
             output = "the output is off" if is_off else "the output MAY STILL BE ON: switch the amplifier off by hand"
             said = f"interrupted; {data.done} of {total} rows are in {out}, {output}"
             raise HapticError("interrupted", said, "Continue with --resume") from stop
-    payload = {
-        "rows": data.done,
+    report(as_json, _payload(experiment, data.done, out), lambda: _show(experiment, out, off))
+
+
+def _payload(experiment: Experiment, rows: int, out: Path) -> dict[str, Any]:
+    return {
+        "rows": rows,
         "skipped": experiment.skipped,
         "out": str(out),
         "plan": experiment.plan.name,
-        "simulated": config.simulated,
+        "simulated": experiment.config.simulated,
         "duration_s": experiment.duration_s,
         "refused": [{**refusal.setting._asdict(), "reason": refusal.reason} for refusal in experiment.refusals],
     }
-    report(as_json, payload, lambda: _show(experiment, out, off))
 
 
 def _bench(

@@ -140,8 +140,11 @@ class Lts150:
     def set_velocity(self, velocity_m_s: float, acceleration_m_s2: float) -> None:
         """Set both for the moves to come, and read them back. Raises LimitExceeded with nothing sent."""
         settings = self.settings
-        self._check_range("velocity", "m/s", velocity_m_s, 0.0, settings.velocity_limit_m_s)
-        self._check_range("acceleration", "m/s²", acceleration_m_s2, 0.0, settings.acceleration_limit_m_s2)
+        highest = settings.acceleration_limit_m_s2
+        _check_range(self._transport.resource, "velocity", "m/s", velocity_m_s, 0.0, settings.velocity_limit_m_s)
+        _check_range(
+            self._transport.resource, "acceleration", "m/s²", acceleration_m_s2, 0.0, settings.acceleration_limit_m_s2
+        )
         wanted = apt.Velocity(
             round(acceleration_m_s2 * settings.counts_per_m_s2), round(velocity_m_s * settings.counts_per_m_s)
         )
@@ -285,15 +288,8 @@ class Lts150:
         nearest_m = min(max(position_m, low_m), high_m)
         if abs(position_m - nearest_m) < 0.5 / self.settings.counts_per_m:
             return nearest_m
-        self._check_range("position", "m", position_m, low_m, high_m)
+        _check_range(self._transport.resource, "position", "m", position_m, low_m, high_m)
         return position_m
-
-    def _check_range(self, what: str, unit: str, value: float, low: float, high: float) -> None:
-        if not low <= value <= high:
-            raise LimitExceeded(
-                f"{self._transport.resource}: {what} {value:g} {unit} is outside {low:g}..{high:g}; it was not sent",
-                f"the nearest is {high if value > high else low:g} {unit}",
-            )
 
     def _send(self, frame: apt.Frame) -> None:
         with self._undisturbed():
@@ -331,3 +327,11 @@ class Lts150:
     def _undisturbed(self) -> AbstractContextManager[None]:
         """Hold the transport over several messages."""
         return self._transport.exchange(_LOCK_TIMEOUT_S)
+
+
+def _check_range(resource: str, what: str, unit: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise LimitExceeded(
+            f"{resource}: {what} {value:g} {unit} is outside {low:g}..{high:g}; it was not sent",
+            f"the nearest is {high if value > high else low:g} {unit}",
+        )

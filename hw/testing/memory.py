@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from hw.errors import DeviceDisconnected, DeviceTimeout
-from hw.transport.contract import Transport
+from hw.transport.contract import NO_OTHER_BOUNDS, Bounds, Transport
 
 
 class Responder(Protocol):
@@ -29,10 +29,10 @@ class MemoryTransport(Transport):
         responder: Responder,
         *,
         resource: str = "MEMORY::0",
-        max_reply_bytes: int = 1 << 20,
+        bounds: Bounds = NO_OTHER_BOUNDS,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        super().__init__(resource, max_reply_bytes=max_reply_bytes, clock=clock)
+        super().__init__(resource, bounds=bounds, clock=clock)
         self._responder = responder
         self._answers = bytearray()
         self._hung_up = True

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
-from hw.transport.contract import Transport
+from hw.transport.contract import NO_OTHER_BOUNDS, Bounds, Transport
 from hw.transport.decorator import TransportDecorator
 
 _VERSION = 1
@@ -109,9 +109,9 @@ class Replay(Transport):
     DeviceError cannot go on. Ask `check_finished` at the end. Raises ValueError for a file that is no wire log.
     """
 
-    def __init__(self, path: Path, *, max_reply_bytes: int = 1 << 20) -> None:
+    def __init__(self, path: Path, *, bounds: Bounds = NO_OTHER_BOUNDS) -> None:
         header, *self._events = _read_log(path)
-        super().__init__(header["resource"], max_reply_bytes=max_reply_bytes)
+        super().__init__(header["resource"], bounds=bounds)
         self._path = path
         self._next = 0
         self._mismatch: ReplayMismatch | None = None

@@ -8,10 +8,22 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
+from typing import NamedTuple
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
 
 CHUNK_BYTES = 1 << 16  # what is asked of a link at a time while the length of the answer is not known
+
+
+class Bounds(NamedTuple):
+    """How long opening and writing may take, and how long an answer may be."""
+
+    open_timeout_s: float = 3.0
+    write_timeout_s: float = 3.0
+    max_reply_bytes: int = 1 << 20
+
+
+NO_OTHER_BOUNDS = Bounds()
 
 
 class Transport(ABC):
@@ -33,15 +45,11 @@ class Transport(ABC):
         self,
         resource: str,
         *,
-        open_timeout_s: float = 3.0,
-        write_timeout_s: float = 3.0,
-        max_reply_bytes: int = 1 << 20,
+        bounds: Bounds = NO_OTHER_BOUNDS,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.resource = resource
-        self._open_timeout_s = open_timeout_s
-        self._write_timeout_s = write_timeout_s
-        self._max_reply_bytes = max_reply_bytes
+        self._bounds = bounds
         self._clock = clock
         self._lock = threading.RLock()
         self._received = bytearray()
@@ -78,7 +86,7 @@ class Transport(ABC):
         """Connect; does nothing when already open. Raises DeviceDisconnected or DeviceTimeout."""
         with self._lock:
             if not self._is_open:
-                self._connect(self._clock() + self._open_timeout_s)
+                self._connect(self._clock() + self._bounds.open_timeout_s)
                 self._received.clear()
                 self._is_open, self._dirty = True, False
 
@@ -90,11 +98,11 @@ class Transport(ABC):
 
     def clear(self) -> None:
         """Forget everything under way, so that the next answer belongs to the next question."""
-        self._clear(self._clock() + self._open_timeout_s)
+        self._clear(self._clock() + self._bounds.open_timeout_s)
 
     def write(self, data: bytes) -> None:
         """Send bytes as they are. Raises DeviceDisconnected or DeviceTimeout."""
-        self._write(data, self._clock() + self._write_timeout_s)
+        self._write(data, self._clock() + self._bounds.write_timeout_s)
 
     def read_until(self, terminator: bytes, timeout_s: float) -> bytes:
         """Return the bytes before `terminator`, which is consumed.
@@ -169,7 +177,7 @@ class Transport(ABC):
         with self._dialogue:
             searched = 0
             while (end := self._received.find(terminator, searched)) < 0:
-                if len(self._received) > self._max_reply_bytes:
+                if len(self._received) > self._bounds.max_reply_bytes:
                     raise BadReply(
                         f"{self.resource} sent {len(self._received)} bytes without a line end",
                         "check that this is the instrument, not another service",

@@ -14,9 +14,7 @@ class TransportDecorator(Transport):
     def __init__(self, inner: Transport) -> None:
         super().__init__(
             inner.resource,
-            open_timeout_s=inner._open_timeout_s,
-            write_timeout_s=inner._write_timeout_s,
-            max_reply_bytes=inner._max_reply_bytes,
+            bounds=inner._bounds,
             clock=inner._clock,
         )
         self._inner = inner

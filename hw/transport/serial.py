@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import errno
-import time
-from collections.abc import Callable
 from contextlib import suppress
 
 import serial
 
 from hw.errors import DeviceDisconnected, DeviceTimeout
-from hw.transport.contract import Transport
+from hw.transport.contract import NO_OTHER_BOUNDS, Bounds, Transport
 from hw.transport.marker import Marker, Resynchroniser
 
 _NO_SUCH_LINE = (errno.ENOTTY, errno.EINVAL)
@@ -35,24 +33,16 @@ class SerialTransport(Transport):
         baud_rate: int = 115200,
         *,
         rtscts: bool = False,
-        rts: bool = True,
-        dtr: bool = True,
         settle_s: float = 0.1,
         marker: Marker | None = None,
-        open_timeout_s: float = 3.0,
-        write_timeout_s: float = 3.0,
-        max_reply_bytes: int = 1 << 20,
-        clock: Callable[[], float] = time.monotonic,
+        bounds: Bounds = NO_OTHER_BOUNDS,
     ) -> None:
         super().__init__(
             f"ASRL{port}::INSTR",
-            open_timeout_s=open_timeout_s,
-            write_timeout_s=write_timeout_s,
-            max_reply_bytes=max_reply_bytes,
-            clock=clock,
+            bounds=bounds,
         )
         self._settings = {"baudrate": baud_rate, "rtscts": rtscts, "exclusive": True}
-        self._rts, self._dtr = rts, dtr
+        self._rts = True
         self._path = port
         self._settle_s = settle_s
         self._resynchronise = None if marker is None else Resynchroniser(marker, self.resource)
@@ -76,7 +66,7 @@ class SerialTransport(Transport):
         try:
             port = serial.Serial(**self._settings)
             port.port = self._path
-            port.rts, port.dtr = self._rts, self._dtr
+            port.rts, port.dtr = self._rts, True
             port.open()
         except (OSError, ValueError) as error:
             raise self._lost("cannot be opened", error) from error
@@ -97,7 +87,7 @@ class SerialTransport(Transport):
             self._resynchronise(
                 lambda data: self._send(data, deadline_s),
                 lambda: self._receive(deadline_s, 1),
-                self._max_reply_bytes,
+                self._bounds.max_reply_bytes,
             )
 
     def _settle(self, deadline_s: float) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from hw.errors import DeviceDisconnected
-from hw.transport.contract import CHUNK_BYTES, Transport
+from hw.transport.contract import CHUNK_BYTES, NO_OTHER_BOUNDS, Bounds, Transport
 
 _RESOURCE = re.compile(r"TCPIP\d*::(?P<host>[^:]+)::(?P<port>\d{1,5})::SOCKET", re.IGNORECASE)
 
@@ -27,14 +27,12 @@ class TcpTransport(Transport):
         host: str,
         port: int,
         *,
-        open_timeout_s: float = 3.0,
-        max_reply_bytes: int = 1 << 20,
+        bounds: Bounds = NO_OTHER_BOUNDS,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__(
             f"TCPIP::{host}::{port}::SOCKET",
-            open_timeout_s=open_timeout_s,
-            max_reply_bytes=max_reply_bytes,
+            bounds=bounds,
             clock=clock,
         )
         self._address = (host, port)

@@ -8,14 +8,13 @@ import struct
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import usb.core
 import usb.util
 
 from hw.errors import BadReply, DeviceDisconnected
-from hw.transport.contract import Transport
+from hw.transport.contract import NO_OTHER_BOUNDS, Bounds, Transport
 
 _RESOURCE = re.compile(
     r"USB\d*::(?P<vendor>0x[0-9a-f]+|[1-9]\d*)::(?P<product>0x[0-9a-f]+|[1-9]\d*)(::(?P<serial>[^:]+))?(::\d+)?::INSTR",
@@ -35,7 +34,6 @@ _ALIGNMENT = 4
 _INITIATE_ABORT_BULK_OUT, _CHECK_ABORT_BULK_OUT = 1, 2
 _INITIATE_ABORT_BULK_IN, _CHECK_ABORT_BULK_IN = 3, 4
 _INITIATE_CLEAR, _CHECK_CLEAR = 5, 6
-_GET_CAPABILITIES = 7
 _TO_INTERFACE, _TO_ENDPOINT = 0xA1, 0xA2  # bmRequestType: class, device to host
 
 _SUCCESS, _PENDING = 1, 2  # USBTMC_status, table 16
@@ -43,18 +41,6 @@ _SUCCESS, _PENDING = 1, 2  # USBTMC_status, table 16
 _MAX_PAYLOAD_BYTES = (1 << 16) - _HEADER.size  # of one transfer, either way
 _CHECKS = 50
 _CHECK_INTERVAL_S = 0.02
-
-
-@dataclass(frozen=True)
-class UsbTmcCapabilities:
-    """What an interface says about itself (GET_CAPABILITIES, table 37 and USB488 table 8); BCD versions as 0x0100."""
-
-    usbtmc_version_bcd: int
-    usb488_version_bcd: int
-    term_char: bool
-    remote_local: bool
-    trigger: bool
-    scpi: bool
 
 
 class UsbTmcTransport(Transport):
@@ -72,19 +58,13 @@ class UsbTmcTransport(Transport):
         serial_number: str | None = None,
         *,
         backend: Any = None,
-        open_timeout_s: float = 3.0,
-        write_timeout_s: float = 3.0,
-        max_reply_bytes: int = 1 << 20,
-        clock: Callable[[], float] = time.monotonic,
+        bounds: Bounds = NO_OTHER_BOUNDS,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         serial_part = "" if serial_number is None else f"::{serial_number}"
         super().__init__(
             f"USB0::0x{vendor_id:04X}::0x{product_id:04X}{serial_part}::INSTR",
-            open_timeout_s=open_timeout_s,
-            write_timeout_s=write_timeout_s,
-            max_reply_bytes=max_reply_bytes,
-            clock=clock,
+            bounds=bounds,
         )
         self._ids = {"idVendor": vendor_id, "idProduct": product_id}
         self._serial_number = serial_number
@@ -93,7 +73,6 @@ class UsbTmcTransport(Transport):
         self._device: Any = None
         self._tag = 0
         self._interrupted: Callable[[float], None] | None = None
-        self.capabilities: UsbTmcCapabilities | None = None
 
     @classmethod
     def from_resource(cls, resource: str, *, backend: Any = None) -> UsbTmcTransport:
@@ -109,10 +88,9 @@ class UsbTmcTransport(Transport):
     # --- finding and claiming ------------------------------------------------------------------------------
 
     def _connect(self, deadline_s: float) -> None:
-        device = self._find()
+        device = _find(self._ids, self._serial_number, self._backend, self.resource)
         try:
             self._claim(device)
-            self.capabilities = self._read_capabilities(deadline_s)
             self._device_clear(deadline_s)
         except usb.core.USBError as error:
             self._disconnect()
@@ -120,30 +98,6 @@ class UsbTmcTransport(Transport):
         except BaseException:
             self._disconnect()
             raise
-
-    def _find(self) -> Any:
-        try:
-            devices = list(usb.core.find(find_all=True, backend=self._backend, **self._ids))
-            matching = [device for device in devices if self._serial_number in (None, device.serial_number)]
-        except usb.core.NoBackendError:
-            raise DeviceDisconnected(
-                f"{self.resource}: no USB library was found", "install libusb 1.0 (Debian: libusb-1.0-0)"
-            ) from None
-        except (usb.core.USBError, ValueError) as error:  # pyusb: no language id means no permission
-            raise DeviceDisconnected(
-                f"{self.resource} cannot be asked for its serial number ({error})",
-                "give your user permission to the device, e.g. by a udev rule",
-            ) from error
-        if not matching:
-            there = ", ".join(str(device.serial_number) for device in devices) or "none"
-            raise DeviceDisconnected(
-                f"{self.resource} is not connected (serial numbers with these ids: {there})",
-                "check power, cable and ids in the configuration",
-            )
-        if len(matching) > 1:
-            there = ", ".join(str(device.serial_number) for device in matching)
-            raise DeviceDisconnected(f"{self.resource} could be any of {there}", "add the serial number")
-        return matching[0]
 
     def _claim(self, device: Any) -> None:
         self._device = device
@@ -195,7 +149,7 @@ class UsbTmcTransport(Transport):
             message += payload
             if ended:
                 return bytes(message)
-            if len(message) > self._max_reply_bytes:
+            if len(message) > self._bounds.max_reply_bytes:
                 raise BadReply(
                     f"{self.resource} sent {len(message)} bytes without an end of message", "clear or switch it off"
                 )
@@ -293,25 +247,12 @@ class UsbTmcTransport(Transport):
     def _drain(self, deadline_s: float) -> None:
         """Read and drop until a short packet, which ends every transfer."""
         packet = self._bulk_in.wMaxPacketSize
-        for _ in range(self._max_reply_bytes // packet + 1):
+        for _ in range(self._bounds.max_reply_bytes // packet + 1):
             if len(self._bulk_in.read(packet, self._remaining_ms(deadline_s))) < packet:
                 return
         raise self._bad("packets without end")
 
     # --- control requests ----------------------------------------------------------------------------------
-
-    def _read_capabilities(self, deadline_s: float) -> UsbTmcCapabilities:
-        reply = self._control(_TO_INTERFACE, _GET_CAPABILITIES, 0, self._interface, 24, deadline_s)
-        if reply[0] != _SUCCESS:
-            raise self._bad(f"status 0x{reply[0]:02X} to GET_CAPABILITIES")
-        return UsbTmcCapabilities(
-            usbtmc_version_bcd=int.from_bytes(reply[2:4], "little"),
-            usb488_version_bcd=int.from_bytes(reply[12:14], "little"),
-            term_char=bool(reply[5] & 1),
-            remote_local=bool(reply[14] & 2),
-            trigger=bool(reply[14] & 1),
-            scpi=bool(reply[15] & 8),
-        )
 
     def _control(self, kind: int, request: int, value: int, target: Any, size: int, deadline_s: float) -> bytes:
         """Send a class request to an endpoint or, by its number, to an interface; return exactly `size` bytes."""
@@ -344,3 +285,29 @@ class UsbTmcTransport(Transport):
 
     def _bad(self, what: str) -> BadReply:
         return BadReply(f"{self.resource} sent {what}", "clear it; if this recurs, update its firmware or use LAN")
+
+
+def _find(ids: dict[str, int], serial_number: str | None, backend: Any, resource: str) -> Any:
+    """The one device with these ids."""
+    try:
+        devices = list(usb.core.find(find_all=True, backend=backend, **ids))
+        matching = [device for device in devices if serial_number in (None, device.serial_number)]
+    except usb.core.NoBackendError:
+        raise DeviceDisconnected(
+            f"{resource}: no USB library was found", "install libusb 1.0 (Debian: libusb-1.0-0)"
+        ) from None
+    except (usb.core.USBError, ValueError) as error:  # pyusb: no language id means no permission
+        raise DeviceDisconnected(
+            f"{resource} cannot be asked for its serial number ({error})",
+            "give your user permission to the device, e.g. by a udev rule",
+        ) from error
+    if not matching:
+        there = ", ".join(str(device.serial_number) for device in devices) or "none"
+        raise DeviceDisconnected(
+            f"{resource} is not connected (serial numbers with these ids: {there})",
+            "check power, cable and ids in the configuration",
+        )
+    if len(matching) > 1:
+        there = ", ".join(str(device.serial_number) for device in matching)
+        raise DeviceDisconnected(f"{resource} could be any of {there}", "add the serial number")
+    return matching[0]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import select
 import socket
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -14,7 +13,7 @@ import pyvisa
 from pyvisa.constants import BufferOperation, ResourceAttribute, SerialTermination, StatusCode
 
 from hw.errors import DeviceDisconnected
-from hw.transport.contract import CHUNK_BYTES, Transport
+from hw.transport.contract import CHUNK_BYTES, NO_OTHER_BOUNDS, Bounds, Transport
 from hw.transport.marker import Marker, Resynchroniser
 
 # pyvisa-py moves at most this much per system call on a socket
@@ -38,17 +37,11 @@ class VisaTransport(Transport):
         *,
         backend: str = "@py",
         marker: Marker | None = None,
-        open_timeout_s: float = 3.0,
-        write_timeout_s: float = 3.0,
-        max_reply_bytes: int = 1 << 20,
-        clock: Callable[[], float] = time.monotonic,
+        bounds: Bounds = NO_OTHER_BOUNDS,
     ) -> None:
         super().__init__(
             resource,
-            open_timeout_s=open_timeout_s,
-            write_timeout_s=write_timeout_s,
-            max_reply_bytes=max_reply_bytes,
-            clock=clock,
+            bounds=bounds,
         )
         self._backend = backend
         self._resynchronise = None if marker is None else Resynchroniser(marker, resource)
@@ -114,7 +107,7 @@ class VisaTransport(Transport):
             self._resynchronise(
                 lambda data: self._send(data, deadline_s),
                 lambda: self._receive(deadline_s, CHUNK_BYTES),
-                self._max_reply_bytes,
+                self._bounds.max_reply_bytes,
             )
 
     def _send(self, data: bytes, deadline_s: float) -> None:
@@ -135,7 +128,7 @@ class VisaTransport(Transport):
             raise self._timeout("did not take the command")
 
     def _receive(self, deadline_s: float, count: int) -> bytes:
-        count = min(count, self._max_reply_bytes + 1)
+        count = min(count, self._bounds.max_reply_bytes + 1)
         while True:
             with self._errors("while waiting for the answer"):
                 session = self._connected()

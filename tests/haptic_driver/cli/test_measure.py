@@ -181,7 +181,7 @@ def test_an_interrupted_measurement_says_off_only_with_evidence(
         raise DeviceTimeout("enable line: no answer")
 
     def broken(self: SimulatedBench) -> ForceReading:
-        self.simulated._server.close()
+        self.simulated.instruments.generator_server.close()
         monkeypatch.setattr(SimulatedAmplifier, "read", silent)
         raise KeyboardInterrupt
 

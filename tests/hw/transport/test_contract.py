@@ -18,13 +18,13 @@ from hw.testing.faulty_instrument import Disconnect
 from hw.testing.faulty_transport import Faulty
 from hw.testing.memory import MemoryTransport
 from hw.testing.recording import Recording
-from hw.testing.usb_backend import SimulatedUsbBackend
-from hw.transport.contract import Transport
+from hw.transport.contract import Bounds, Transport
 from hw.transport.serial import SerialTransport
 from hw.transport.tcp import TcpTransport
 from hw.transport.usbtmc import UsbTmcTransport
 from hw.transport.visa import VisaTransport
 from tests.hw.instruments import closed_port
+from tests.hw.usb_backend import SimulatedUsbBackend
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -75,7 +75,7 @@ def build(kind: str, stack: ExitStack, folder: Path) -> Transport:
 
 
 def build_link(kind: str, stack: ExitStack) -> Transport:
-    limit: dict[str, Any] = {"max_reply_bytes": LONGEST_REPLY}
+    limit: dict[str, Any] = {"bounds": Bounds(max_reply_bytes=LONGEST_REPLY)}
     match kind:
         case "tcp":
             server = stack.enter_context(TcpServer(Instrument()))

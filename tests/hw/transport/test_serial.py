@@ -10,6 +10,7 @@ import pytest
 from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.serving.serial import SerialServer
+from hw.transport.contract import Bounds
 from hw.transport.marker import scpi_marker
 from hw.transport.serial import SerialTransport
 from tests.hw.instruments import IMMEDIATE
@@ -101,7 +102,7 @@ def test_questions_with_less_time_than_the_line_needs_to_settle_come_through_in_
 
 
 def test_a_line_that_had_no_time_to_settle_stays_dirty(server: SerialServer) -> None:
-    transport = SerialTransport(server.path, settle_s=0.4, open_timeout_s=0.05)
+    transport = SerialTransport(server.path, settle_s=0.4, bounds=Bounds(open_timeout_s=0.05))
     transport.open()
     with pytest.raises(DeviceTimeout):
         transport.clear()
@@ -124,7 +125,9 @@ def test_the_scpi_marker_finds_the_place_again_without_an_error_in_the_queue() -
 
 
 def test_a_marker_that_is_not_answered_is_reported(server: SerialServer) -> None:
-    transport = SerialTransport(server.path, marker=lambda number: (b"a?\n" * 600, b"b"), max_reply_bytes=1000)
+    transport = SerialTransport(
+        server.path, marker=lambda number: (b"a?\n" * 600, b"b"), bounds=Bounds(max_reply_bytes=1000)
+    )
     transport.open()
     with pytest.raises(BadReply, match="does not answer"):
         transport.clear()
@@ -152,7 +155,7 @@ def test_an_adapter_that_was_pulled_and_put_back_is_found_again(server: SerialSe
 
 def test_a_device_that_takes_nothing_is_a_timeout() -> None:
     controller, terminal = os.openpty()  # nobody reads the controller's side
-    transport = SerialTransport(os.ttyname(terminal), write_timeout_s=0.1)
+    transport = SerialTransport(os.ttyname(terminal), bounds=Bounds(write_timeout_s=0.1))
     transport.open()
     with pytest.raises(DeviceTimeout, match="did not take the command"):
         transport.write(bytes(1_000_000))

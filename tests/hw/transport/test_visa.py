@@ -13,6 +13,7 @@ from hw.errors import DeviceDisconnected, DeviceTimeout
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
+from hw.transport.contract import Bounds
 from hw.transport.marker import scpi_marker
 from hw.transport.visa import VisaTransport
 from tests.hw.instruments import IMMEDIATE
@@ -51,7 +52,7 @@ def test_a_peer_that_hangs_up_without_a_word_is_a_disconnect_long_before_the_tim
 
 def test_clearing_a_dead_peer_does_not_hang() -> None:
     with peer(lambda connection: None) as resource:
-        transport = VisaTransport(resource, open_timeout_s=1.0)
+        transport = VisaTransport(resource, bounds=Bounds(open_timeout_s=1.0))
         transport.open()
     with pytest.raises(DeviceDisconnected):  # the port is closed by now
         transport.clear()
@@ -61,7 +62,7 @@ def test_clearing_a_dead_peer_does_not_hang() -> None:
 def test_a_peer_that_does_not_read_is_a_timeout() -> None:
     done = threading.Event()
     with peer(lambda connection: done.wait(20.0) and None) as resource:
-        transport = VisaTransport(resource, write_timeout_s=0.2)
+        transport = VisaTransport(resource, bounds=Bounds(write_timeout_s=0.2))
         transport.open()
         with pytest.raises(DeviceTimeout):
             transport.write(bytes(30_000_000))
