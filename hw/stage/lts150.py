@@ -140,7 +140,6 @@ class Lts150:
     def set_velocity(self, velocity_m_s: float, acceleration_m_s2: float) -> None:
         """Set both for the moves to come, and read them back. Raises LimitExceeded with nothing sent."""
         settings = self.settings
-        highest = settings.acceleration_limit_m_s2
         _check_range(self._transport.resource, "velocity", "m/s", velocity_m_s, 0.0, settings.velocity_limit_m_s)
         _check_range(
             self._transport.resource, "acceleration", "m/s²", acceleration_m_s2, 0.0, settings.acceleration_limit_m_s2

@@ -17,7 +17,6 @@ from hw.serving.tcp import TcpServer
 from hw.testing.faulty_instrument import Disconnect
 from hw.testing.faulty_transport import Faulty
 from hw.testing.memory import MemoryTransport
-from hw.testing.recording import Recording
 from hw.transport.contract import Bounds, Transport
 from hw.transport.serial import SerialTransport
 from hw.transport.tcp import TcpTransport
@@ -25,6 +24,7 @@ from hw.transport.usbtmc import UsbTmcTransport
 from hw.transport.visa import VisaTransport
 from tests.hw.instruments import closed_port
 from tests.hw.usb_backend import SimulatedUsbBackend
+from tests.hw.wire_log import Recording
 
 pytestmark = pytest.mark.timeout(60)
 
