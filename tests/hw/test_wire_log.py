@@ -121,7 +121,7 @@ def test_a_crash_loses_nothing(tmp_path: Path) -> None:
         "t = Recording(MemoryTransport(Echo()), Path(sys.argv[1])); t.open(); t.query(b'last words\\n', 1.0)\n"
         "os.kill(os.getpid(), 9)\n"
     )
-    root = Path(__file__).parents[3]
+    root = Path(__file__).parents[2]
     result = subprocess.run([sys.executable, "-c", program, str(path)], cwd=root, check=False)
     assert result.returncode == -9
     events = [json.loads(line) for line in path.read_text().splitlines()]
