@@ -186,6 +186,10 @@ class Ring:
         kept = copy[overwritten:]
         return Taken(kept, end - position - len(kept), end)
 
+    def newest(self, most: int) -> NDArray[np.void]:
+        """The last samples, at most so many."""
+        return self.read(max(self.position - most, 0)).samples
+
 
 class TargetStore:
     """What is to be rendered, for a reader who takes it between two ticks, at once and without copying a map.
