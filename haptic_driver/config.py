@@ -10,13 +10,19 @@ import tomllib
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import read_text
 from model.support.errors import nearest
 
 Parsed = TypeVar("Parsed", bound=BaseModel)
+
+
+class Checked(BaseModel):
+    """Base of what comes from outside, or goes there: frozen, and an unknown key is an error."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def config_dirs() -> list[Path]:

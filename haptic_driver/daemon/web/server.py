@@ -15,7 +15,7 @@ from pathlib import Path
 import uvicorn
 from starlette.types import ASGIApp
 
-from haptic_driver.daemon.messages import Control
+from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.private_file import write_private
 from haptic_driver.daemon.web.api import PAGE, create_app
@@ -31,7 +31,7 @@ MOST_MESSAGE_BYTES = 4096  # of a WebSocket client, which has nothing to say
 
 @contextmanager
 def serve(
-    control: Control, place: Place, tcp_port: int | None = None, interface: str = LOOPBACK, page: Path | None = None
+    daemon: Daemon, place: Place, tcp_port: int | None = None, interface: str = LOOPBACK, page: Path | None = None
 ) -> Iterator[str | None]:
     """Serve in a thread inside the `with` block; gives the page's address with its token, None without TCP.
 
@@ -39,7 +39,7 @@ def serve(
     too, for those who know the token, which is also in a file of mode 0600 beside the socket. Raises HapticError when
     a port cannot be had.
     """
-    app = create_app(control, page)
+    app = create_app(daemon, page)
     servers, url, token_file = [(_server(app), place.listener)], None, None
     if tcp_port is not None:
         listener = _listen(interface, tcp_port)
