@@ -72,12 +72,12 @@ def set_target(
 
     Example: `haptic set 0.6`
     """
-    from haptic_driver.daemon.messages import HIGHEST_COF  # noqa: PLC0415  pydantic is slow to import
+    from haptic_driver.daemon.messages import HIGHEST_ASKED_COF  # noqa: PLC0415  pydantic is slow to import
 
-    if not 0.0 < cof <= HIGHEST_COF:
+    if not 0.0 < cof <= HIGHEST_ASKED_COF:
         raise BadInputError(
             "out_of_range", f"friction {cof:g} is out of range",
-            f"Give a coefficient of friction above 0, at most {HIGHEST_COF:g}, such as 0.6",
+            f"Give a coefficient of friction above 0, at most {HIGHEST_ASKED_COF:g}, such as 0.6",
         )  # fmt: skip
     ask(socket, as_json, lambda client: client.set(_token(client.socket), cof))
 

@@ -15,7 +15,7 @@ from haptic_driver.errors import HapticError
 from haptic_driver.recording.event import Event
 
 LEASE_HEADER = "X-Haptic-Lease"
-HIGHEST_COF = 10.0  # that anybody may ask for
+HIGHEST_ASKED_COF = 10.0  # twice what a texture file may say
 MOST_SAMPLES = 2000  # what turns into JSON in a few milliseconds, of which the set-point pump loses as many
 MOST_COUNT = 2**62
 
@@ -73,7 +73,7 @@ class Lease(Checked):
 class FrictionChoice(Checked):
     """`haptic set MU`."""
 
-    cof: Annotated[FiniteFloat, Field(gt=0.0, le=HIGHEST_COF)]
+    cof: Annotated[FiniteFloat, Field(gt=0.0, le=HIGHEST_ASKED_COF)]
 
 
 class TextureChoice(Checked):

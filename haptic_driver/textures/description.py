@@ -13,8 +13,7 @@ from haptic_driver.config import Checked
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import Interpolation, Outside
 
-LOWEST_COF = 0.01
-HIGHEST_COF = 5.0
+TEXTURE_COF = (0.01, 5.0)  # what a file may say; the upper end is beyond any finger's
 # The finest detail that reaches a finger: its distance per tick of 1 ms at 100 mm/s. The friction of skin itself
 # follows to 13.8 Hz per mm/s (arXiv 2505.11162), that is to 0.07 mm.
 FINEST_MM = 0.1
@@ -22,11 +21,11 @@ SHORTEST_PERIOD_MM = 2.0 * FINEST_MM
 SAMPLES_PER_WAVE = 12  # straight lines between them miss a crest by 1 - cos(pi/12), 3.4 %
 LARGEST_NOISE_PIXELS = 2048  # along one side
 
-Cof = Annotated[float, Field(ge=LOWEST_COF, le=HIGHEST_COF, allow_inf_nan=False)]
+Cof = Annotated[float, Field(ge=TEXTURE_COF[0], le=TEXTURE_COF[1], allow_inf_nan=False)]
 LengthMm = Annotated[float, Field(ge=0.001, le=10_000.0, allow_inf_nan=False)]
 OffsetMm = Annotated[float, Field(ge=-10_000.0, le=10_000.0, allow_inf_nan=False)]
 PeriodMm = Annotated[float, Field(ge=SHORTEST_PERIOD_MM, le=10_000.0, allow_inf_nan=False)]
-AmplitudeCof = Annotated[float, Field(ge=0.0, le=HIGHEST_COF, allow_inf_nan=False)]
+AmplitudeCof = Annotated[float, Field(ge=0.0, le=TEXTURE_COF[1], allow_inf_nan=False)]
 OriginMm = Annotated[list[OffsetMm], Field(min_length=2, max_length=2)]
 Seconds = Annotated[float, Field(ge=0.0, le=86_400.0, allow_inf_nan=False)]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
@@ -54,8 +53,9 @@ class UniformDescription(_Description):
 
 def _require_swing(mean_cof: float, amplitude_cof: float) -> None:
     low, high = mean_cof - amplitude_cof, mean_cof + amplitude_cof
-    if low < LOWEST_COF or high > HIGHEST_COF:
-        raise ValueError(f"mean_cof and amplitude_cof reach {low:g} to {high:g}, outside {LOWEST_COF} to {HIGHEST_COF}")
+    if low < TEXTURE_COF[0] or high > TEXTURE_COF[1]:
+        lowest, highest = TEXTURE_COF
+        raise ValueError(f"mean_cof and amplitude_cof reach {low:g} to {high:g}, outside {lowest} to {highest}")
 
 
 class GratingDescription(_Description):
