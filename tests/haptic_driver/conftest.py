@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.cli.main import main
+from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.rig.config import load_rig
 from haptic_driver.surface.build import SurfaceAxes, build_surface
 from haptic_driver.surface.file import FORCE_REFINEMENT, SurfaceFile, ready_for_lookup
@@ -17,6 +18,13 @@ from model.touch_model import TouchModel
 from tests.haptic_driver.commands import one_object
 
 SEED = 20240607
+
+
+@pytest.fixture
+def shared():
+    state = SharedState()
+    yield state
+    state.close()
 
 
 @pytest.fixture

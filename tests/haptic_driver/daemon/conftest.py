@@ -1,4 +1,4 @@
-"""Shared memory; and one daemon for the tests of a module, on the simulated rig that it names as `RIG`."""
+"""One daemon for the tests of a module, on the simulated rig that it names as `RIG`."""
 
 from __future__ import annotations
 
@@ -8,18 +8,10 @@ import pytest
 
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
-from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.rig.config import load_rig
 from tests.haptic_driver.daemon import electrode, killing
 
 killable_daemon = killing.killable_daemon
-
-
-@pytest.fixture
-def shared():
-    state = SharedState()
-    yield state
-    state.close()
 
 
 @pytest.fixture(scope="module")

@@ -103,7 +103,7 @@ def test_sleep_until_never_returns_early():
 
 
 def test_precedence_is_taken_where_it_may_be_and_never_given_away():
-    code = "import os; from haptic_driver.processes import clock; print(real_time.take_precedence(), os.nice(0))"
+    code = "import os; from haptic_driver.processes import real_time; print(real_time.take_precedence(), os.nice(0))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     granted, niceness = run.stdout.split()
     before = os.getpriority(os.PRIO_PROCESS, 0)

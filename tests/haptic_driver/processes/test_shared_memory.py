@@ -10,8 +10,8 @@ import time
 import numpy as np
 import pytest
 
-from haptic_driver.daemon import shared_state
 from haptic_driver.errors import BadInputError
+from haptic_driver.processes import shared_memory
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.processes.shared_memory import NO_ORDER, NOTHING_SENSED, RING_SAMPLES, Sensed, SharedState
 from haptic_driver.render.texture import FrictionMap, Placed, Uniform
@@ -144,7 +144,7 @@ def test_a_target_is_taken_over_with_its_map_where_it_lies(shared):
 
 
 def test_a_target_that_does_not_fit_is_refused(shared, monkeypatch):
-    monkeypatch.setattr(shared_state, "TARGET_BYTES", 100_000)
+    monkeypatch.setattr(shared_memory, "TARGET_BYTES", 100_000)
     with pytest.raises(BadInputError, match=r"the most is 0\.1 MB") as refused:
         shared.targets.write(1, FrictionMap(np.full((200, 200), 0.5), 1e-3, 1e-3))
     assert refused.value.code == "texture_too_large"
