@@ -25,7 +25,7 @@ from haptic_driver.daemon.recordings import Recordings
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.daemon.supervision import Supervisor
 from haptic_driver.daemon.targets import Targets
-from haptic_driver.daemon.watchers import DriftWatcher, LeaseWatcher, RenderWatcher, ScriptWatcher, UnderrunWatcher
+from haptic_driver.daemon.watchers import WATCHERS, Watched
 from haptic_driver.daemon.web import drawings
 from haptic_driver.errors import HapticError
 from haptic_driver.processes.shared_memory import RING_SAMPLES, SharedState
@@ -53,16 +53,7 @@ class Daemon:
         self._targets = targets = Targets(shared, orders, events, clock)
         self._recordings = Recordings(shared, events, lambda: self.settings, identified)
         self._supervisor = Supervisor(settings, shared, orders, events, clock)
-        self._watchers: tuple[Callable[[float], None], ...] = (
-            orders.beat,
-            LeaseWatcher(orders, events, settings.render).watch,
-            RenderWatcher(shared, orders, events, settings.render).watch,
-            UnderrunWatcher(orders, events).watch,
-            ScriptWatcher(orders, targets, events).watch,
-            DriftWatcher(shared, orders, events).watch,
-            self._recordings.watch,
-            self._supervisor.watch,
-        )
+        self._watched = Watched(shared, orders, targets, events, settings.render)
         self._ending = threading.Event()
         self._threads: list[threading.Thread] = []
 
@@ -71,7 +62,7 @@ class Daemon:
     def start(self) -> None:
         """Start everything; idle when it returns. Raises HapticError and DeviceError, with nothing left running."""
         try:
-            self._orders.beat(self._clock())
+            self._orders.beat()
             self._supervisor.start()
             self._start_threads()
             self._supervisor.await_all()
@@ -134,8 +125,11 @@ class Daemon:
         while not ending.is_set():
             now_s = self._clock()
             try:
-                for watch in self._watchers:
-                    watch(now_s)
+                self._orders.beat()
+                for watch in WATCHERS:
+                    watch(self._watched, now_s)
+                self._recordings.watch()
+                self._supervisor.watch(now_s)
             except (HapticError, DeviceError) as error:
                 self._orders.fail(error.message)
             ending.wait(WATCH_PERIOD_S)

@@ -41,7 +41,7 @@ class Orders:
         """Whether there may be voltage."""
         return self.machine.state is DaemonState.RENDERING
 
-    def beat(self, now_s: float) -> None:
+    def beat(self) -> None:
         """Say that control is alive."""
         with self.lock:
             self._order_now()

@@ -67,7 +67,7 @@ class Recordings:
             why = recorder.stop()
             self._events.tell("recording", f"ended: {recorder.path}" if why is None else f"ended badly: {why}")
 
-    def watch(self, now_s: float) -> None:
+    def watch(self) -> None:
         """A recording that ends by itself is told of; rendering goes on without it."""
         recorder = self._recorder
         if recorder is not None and self.lock.acquire(blocking=False):

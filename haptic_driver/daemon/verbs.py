@@ -9,22 +9,8 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 from pydantic import BaseModel
 
 from haptic_driver.config import Checked
-from haptic_driver.daemon.messages import (
-    ArmRequest,
-    Events,
-    FrictionChoice,
-    Lease,
-    ModelChoice,
-    RecordingRequest,
-    SampleColumns,
-    SinceEvent,
-    SinceTick,
-    Status,
-    SurfaceMap,
-    TextureChoice,
-    TextureMap,
-    TextureNames,
-)
+from haptic_driver.daemon import messages
+from haptic_driver.daemon.messages import Lease, Status
 
 if TYPE_CHECKING:  # a client does not wait for what a daemon imports
     from haptic_driver.daemon.daemon import Daemon
@@ -61,14 +47,14 @@ class Verb(Generic[Asked, Answer]):
         return self.do(daemon, asked, token).model_dump_json()
 
 
-def _samples(daemon: Daemon, asked: SinceTick, token: str) -> SampleColumns:
+def _samples(daemon: Daemon, asked: messages.SinceTick, token: str) -> messages.SampleColumns:
     from haptic_driver.daemon.web.frames import sample_columns  # noqa: PLC0415  (numpy)
 
-    return SampleColumns.model_construct(sample_columns(daemon.samples(asked.since, asked.most)))
+    return messages.SampleColumns.model_construct(sample_columns(daemon.samples(asked.since, asked.most)))
 
 
 ARM = Verb(
-    "arm", "POST", "/arm", ArmRequest, Lease, lambda daemon, asked, _: daemon.arm(asked.lease_s),
+    "arm", "POST", "/arm", messages.ArmRequest, Lease, lambda daemon, asked, _: daemon.arm(asked.lease_s),
     "Idle to armed. The lease is to be renewed within `lease_s`, or the output ramps to zero.",
 )  # fmt: skip
 RENEW = Verb(
@@ -76,12 +62,13 @@ RENEW = Verb(
     "Keep the lease alive.", leased=True,
 )  # fmt: skip
 SET = Verb(
-    "set_target", "POST", "/set", FrictionChoice, Status,
+    "set_target", "POST", "/set", messages.FrictionChoice, Status,
     lambda daemon, asked, token: daemon.set_target(token, asked.cof),
     "Ask for one friction everywhere; armed to rendering. Renews the lease.", leased=True,
 )  # fmt: skip
 PLAY = Verb(
-    "play", "POST", "/texture", TextureChoice, Status, lambda daemon, asked, token: daemon.play(token, asked.name),
+    "play", "POST", "/texture", messages.TextureChoice, Status,
+    lambda daemon, asked, token: daemon.play(token, asked.name),
     "Ask for a texture; armed to rendering. Renews the lease.", leased=True,
 )  # fmt: skip
 OFF = Verb(
@@ -97,35 +84,36 @@ RESET = Verb(
     "Acknowledge a fault or trip whose cause is gone; fault to idle.",
 )  # fmt: skip
 USE_MODEL = Verb(
-    "use_model", "POST", "/model", ModelChoice, Status, lambda daemon, asked, _: daemon.use_model(asked.name),
+    "use_model", "POST", "/model", messages.ModelChoice, Status, lambda daemon, asked, _: daemon.use_model(asked.name),
     "Render by another model, such as one of the finger that is there now; while idle. Takes about a second.",
 )  # fmt: skip
 RECORD = Verb(
-    "record", "POST", "/record", RecordingRequest, Status, lambda daemon, asked, _: daemon.record(asked.path),
+    "record", "POST", "/record", messages.RecordingRequest, Status, lambda daemon, asked, _: daemon.record(asked.path),
     "Record into a file on the daemon's machine, or stop with null.",
 )  # fmt: skip
-STATUS = Verb(
-    "status", "GET", "/status", Empty, Status, lambda daemon, *_: daemon.status(), "The present state."
-)  # fmt: skip
+STATUS = Verb("status", "GET", "/status", Empty, Status, lambda daemon, *_: daemon.status(), "The present state.")
 TEXTURES = Verb(
-    "textures", "GET", "/textures", Empty, TextureNames, lambda daemon, *_: TextureNames(textures=daemon.textures()),
+    "textures", "GET", "/textures", Empty, messages.TextureNames,
+    lambda daemon, *_: messages.TextureNames(textures=daemon.textures()),
     "Names that `/texture` knows.",
 )  # fmt: skip
 EVENTS = Verb(
-    "events", "GET", "/events", SinceEvent, Events,
-    lambda daemon, asked, _: Events(events=list(daemon.events(asked.since))),
+    "events", "GET", "/events", messages.SinceEvent, messages.Events,
+    lambda daemon, asked, _: messages.Events(events=list(daemon.events(asked.since))),
     "What happened after event `since`, as far back as it is kept.",
 )  # fmt: skip
 SAMPLES = Verb(
-    "samples", "GET", "/samples", SinceTick, SampleColumns, _samples,
+    "samples", "GET", "/samples", messages.SinceTick, messages.SampleColumns, _samples,
     "Ticks after tick `since`, one list per field, oldest first.",
 )  # fmt: skip
 SURFACE = Verb(
-    "surface", "GET", "/surface", Empty, SurfaceMap, lambda daemon, *_: SurfaceMap(**daemon.surface_map()),
+    "surface", "GET", "/surface", Empty, messages.SurfaceMap,
+    lambda daemon, *_: messages.SurfaceMap(**daemon.surface_map()),
     "Friction over frequency and voltage.",
 )  # fmt: skip
 TEXTURE = Verb(
-    "texture", "GET", "/texture", Empty, TextureMap, lambda daemon, *_: TextureMap(**daemon.texture_map()),
+    "texture", "GET", "/texture", Empty, messages.TextureMap,
+    lambda daemon, *_: messages.TextureMap(**daemon.texture_map()),
     "Friction over the screen, of the texture that plays.",
 )  # fmt: skip
 
