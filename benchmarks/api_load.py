@@ -20,7 +20,7 @@ from importlib.util import find_spec
 
 from websockets.sync.client import unix_connect
 
-from haptic_driver.daemon.web.records import LEASE_HEADER
+from haptic_driver.daemon.messages import LEASE_HEADER
 
 RATE_HZ, CONNECTIONS = 200.0, 4
 MIX = [  # of a client that watches, one that records by itself, and the holder of the lease

@@ -17,7 +17,7 @@ from typing import Any, cast
 
 from pydantic import TypeAdapter
 
-from haptic_driver.daemon.messages import Control
+from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.web.api import create_app
 from haptic_driver.experiments.plan import PlanFile
 from haptic_driver.experiments.study import StudyPlan
@@ -225,7 +225,7 @@ def _model_tables() -> Iterator[str]:
 def api_page() -> str:
     """What the daemon's HTTP API takes and answers."""
     # Only the description is wanted: nothing calls the daemon behind it.
-    described = create_app(cast(Control, None)).openapi()
+    described = create_app(cast(Daemon, None)).openapi()
     words = _words()["api"]
     parts = ["# The daemon's HTTP API", GENERATED, words["introduction"].strip(), "## Requests"]
     for path, methods in described["paths"].items():

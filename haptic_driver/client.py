@@ -22,29 +22,14 @@ from socket import AF_UNIX, SOCK_STREAM
 from socket import socket as unix_socket
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, TypeVar
+from urllib.parse import urlencode
 
 from pydantic import BaseModel, ValidationError
 
-from haptic_driver.daemon.messages import (
-    ArmRequest,
-    Lease,
-    ModelChoice,
-    Record,
-    RefusedError,
-    Status,
-    Target,
-    TextureChoice,
-)
+from haptic_driver.daemon import verbs
+from haptic_driver.daemon.messages import LEASE_HEADER, ErrorReport, Lease, RefusedError, StateFrame, Status
 from haptic_driver.daemon.place import default_socket
-from haptic_driver.daemon.web.records import (
-    LEASE_HEADER,
-    ErrorReport,
-    Events,
-    RecordingRequest,
-    SampleColumns,
-    StateFrame,
-    TextureNames,
-)
+from haptic_driver.daemon.verbs import Answer, Asked, Verb
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.recording.event import Event
 
@@ -56,7 +41,7 @@ TIMEOUT_S = 10.0  # switching off waits for a slow instrument
 RENEWALS_PER_LEASE = 4
 HOST = "haptic"  # the socket says where; HTTP wants a name all the same
 
-Answer = TypeVar("Answer", bound=BaseModel)
+Schema = TypeVar("Schema", bound=BaseModel)
 
 
 class NoDaemonError(HapticError):
@@ -101,58 +86,57 @@ class HapticClient:
 
     def arm(self, lease_s: float = 0.5) -> Lease:
         """Idle to armed. Better use `armed`, which renews the lease."""
-        return self._post("/arm", Lease, _checked(ArmRequest, lease_s=lease_s))
+        return self._ask(verbs.ARM, lease_s=lease_s)
 
     def renew(self, token: str) -> Lease:
         """Keep a lease alive."""
-        return self._post("/renew", Lease, token=token)
+        return self._ask(verbs.RENEW, token)
 
     def set(self, token: str, cof: float) -> Status:
         """Ask for one friction everywhere."""
-        return self._post("/set", Status, _checked(Target, cof=cof), token)
+        return self._ask(verbs.SET, token, cof=cof)
 
     def play(self, token: str, texture: str) -> Status:
         """Ask for a texture, by its name or the path of its file."""
-        return self._post("/texture", Status, _checked(TextureChoice, name=_named_from_anywhere(texture)), token)
+        return self._ask(verbs.PLAY, token, name=_named_from_anywhere(texture))
 
     def off(self) -> Status:
         """Output to zero at once; HapticError when that cannot be shown."""
-        return _shown_off(self._post("/off", Status))
+        return _shown_off(self._ask(verbs.OFF))
 
     def disarm(self) -> Status:
         """Off, and the lease ends; HapticError when the output cannot be shown to be off."""
-        return _shown_off(self._post("/disarm", Status))
+        return _shown_off(self._ask(verbs.DISARM))
 
     def reset(self) -> Status:
         """Acknowledge a fault whose cause is gone."""
-        return self._post("/reset", Status)
+        return self._ask(verbs.RESET)
 
     def use_model(self, model: str) -> Status:
         """Render by another model, by its name or the path of its file; while the daemon is idle."""
-        return self._post("/model", Status, _checked(ModelChoice, name=_named_from_anywhere(model)))
+        return self._ask(verbs.USE_MODEL, name=_named_from_anywhere(model))
 
     def record(self, path: Path | None) -> Status:
         """Record into a file, or stop with None."""
-        name = str(path.absolute()) if path is not None else None
-        return self._post("/record", Status, _checked(RecordingRequest, path=name))
+        return self._ask(verbs.RECORD, path=str(path.absolute()) if path is not None else None)
 
     def status(self) -> Status:
         """The present state."""
-        return self._get("/status", Status)
+        return self._ask(verbs.STATUS)
 
     def textures(self) -> list[str]:
         """Names that `play` knows."""
-        return self._get("/textures", TextureNames).textures
+        return self._ask(verbs.TEXTURES).textures
 
     def events(self, since: int = 0) -> list[Event]:
         """What happened after event number `since`."""
-        return self._get(f"/events?since={since}", Events).events
+        return self._ask(verbs.EVENTS, since=since).events
 
     def samples(self, since_tick: int = 0, most: int = 1000) -> NDArray[np.void]:
         """Ticks after `since_tick`, the newest `most` of them, of dtype `haptic_driver.processes.samples.SAMPLE`."""
         from haptic_driver.daemon.web.frames import samples_of  # noqa: PLC0415
 
-        return samples_of(self._get(f"/samples?since={since_tick}&most={most}", SampleColumns).root)
+        return samples_of(self._ask(verbs.SAMPLES, since=since_tick, most=most).root)
 
     def watch(self) -> Generator[StateFrame, None, None]:
         """The state, 20 times a second, until the daemon ends."""
@@ -162,32 +146,28 @@ class HapticClient:
         """Events as they happen, until the daemon ends."""
         return self._stream(f"/events?since={since}", Event)
 
-    def _get(self, path: str, schema: type[Answer]) -> Answer:
-        return self._ask(schema, "GET", path)
-
-    def _post(self, path: str, schema: type[Answer], body: Record | None = None, token: str | None = None) -> Answer:
-        return self._ask(schema, "POST", path, body, token)
-
-    def _ask(
-        self, schema: type[Answer], method: str, path: str, body: Record | None = None, token: str | None = None
-    ) -> Answer:
+    def _ask(self, verb: Verb[Asked, Answer], token: str | None = None, **said: object) -> Answer:
         """A connection of its own, so that switching off never waits for what another thread has asked."""
-        content = None if body is None else body.model_dump_json().encode()
+        path, content = verb.path, None
+        if verb.method == "GET":
+            path += "?" * bool(said) + urlencode(said)
+        elif said:
+            content = _checked(verb.asked, said).model_dump_json().encode()
         headers = {"Content-Type": "application/json"} | ({} if token is None else {LEASE_HEADER: token})
         with closing(self._connected()) as connection:
             try:
-                connection.request(method, path, content, headers)
+                connection.request(verb.method, path, content, headers)
                 response = connection.getresponse()
-                said = response.read()
+                answer = response.read()
             except (OSError, HTTPException) as error:
                 raise NoDaemonError(
                     "no_answer", f"the daemon at {self.socket} does not answer ({error})", "look at its log"
                 ) from error
         if response.status >= 400:
-            raise _error_of(response.status, said)
-        return _understood(schema, said)
+            raise _error_of(response.status, answer)
+        return _understood(verb.answer, answer)
 
-    def _stream(self, path: str, schema: type[Answer]) -> Generator[Answer, None, None]:
+    def _stream(self, path: str, schema: type[Schema]) -> Generator[Schema, None, None]:
         from websockets.exceptions import ConnectionClosed, WebSocketException  # noqa: PLC0415
         from websockets.sync.client import unix_connect  # noqa: PLC0415
 
@@ -280,7 +260,7 @@ class Session:
                 continue
 
 
-def _checked(schema: type[Answer], **values: object) -> Answer:
+def _checked(schema: type[Schema], values: dict[str, object]) -> Schema:
     try:
         return schema.model_validate(values)
     except ValidationError as error:
@@ -296,7 +276,7 @@ def _named_from_anywhere(name: str) -> str:
     return str(path.absolute()) if is_path and os.path.isfile(path) else name
 
 
-def _understood(schema: type[Answer], content: bytes | str) -> Answer:
+def _understood(schema: type[Schema], content: bytes | str) -> Schema:
     try:
         return schema.model_validate_json(content)
     except ValidationError as error:

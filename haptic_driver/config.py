@@ -7,16 +7,23 @@ from __future__ import annotations
 
 import os
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, RootModel, ValidationError
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import read_text
-from model.support.errors import nearest
+from model.support.errors import did_you_mean, nearest
 
 Parsed = TypeVar("Parsed", bound=BaseModel)
+
+
+class Checked(BaseModel):
+    """Base of what comes from outside, or goes there: frozen, and an unknown key is an error."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def config_dirs() -> list[Path]:
@@ -60,41 +67,62 @@ def config_names(kind: str) -> list[str]:
     return sorted({path.stem for folder in config_dirs() for path in (folder / kind).glob("*.toml")})
 
 
-def parse(schema: type[Parsed], content: dict[str, Any], where: str) -> Parsed:
-    """`content` as `schema`; BadInputError names file, key and the nearest valid choice for the first mistake."""
+def parse(schema: type[Parsed], content: dict[str, Any], where: str, code: str = "") -> Parsed:
+    """`content` as `schema`; BadInputError, with `code` if that is given, names the file and every key at fault."""
     try:
         return schema.model_validate(content)
     except ValidationError as error:
-        first = next((e for e in error.errors() if e["type"] == "extra_forbidden"), error.errors()[0])
-        loc = [str(part) for part in first["loc"]]
-        key = ".".join(_written(schema, loc)) or "the file"
-        if first["type"] == "extra_forbidden":
-            known = _fields_at(schema, loc[:-1])
-            raise BadInputError("unknown_key", f"{where}: unknown key '{key}'", nearest(loc[-1], known)) from error
-        if first["type"] in ("missing", "union_tag_not_found"):
-            missing = f"{key}.kind" if first["type"] == "union_tag_not_found" else key
-            raise BadInputError("bad_config", f"{where}: {missing} is missing", "Add it") from error
-        if first["type"] == "union_tag_invalid":
-            kinds = list(_variants(_annotation(schema, loc)))
-            said = f"{where}: {key}.kind is {first['ctx']['tag']!r}"
-            raise BadInputError("bad_config", said, nearest(str(first["ctx"]["tag"]), kinds)) from error
-        said = first["msg"].removeprefix("Value error, ")
-        given = "" if first["type"] == "value_error" else f", not {first['input']!r}"
-        raise BadInputError("bad_config", f"{where}: {key}: {said}{given}", "Correct this key") from error
+        faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
+        file: Any = schema.model_fields["root"].annotation if issubclass(schema, RootModel) else schema
+        problems = list(dict.fromkeys(_problem(file, fault) for fault in faults))
+        code = code or ("unknown_key" if faults[0]["type"] == "extra_forbidden" else "bad_config")
+        raise BadInputError(code, f"{where}: {'; '.join(problems)}", _hint(file, faults)) from error
 
 
-def _written(schema: type[BaseModel], loc: list[str]) -> list[str]:
+def _problem(file: Any, fault: Any) -> str:
+    key = ".".join(_written(file, fault["loc"]))
+    said = fault["msg"].removeprefix("Value error, ")
+    match fault["type"]:
+        case "extra_forbidden":
+            return f"unknown key '{key}'"
+        case "missing":
+            return f"{key} is missing"
+        case "union_tag_not_found":
+            return f"{key}.kind is missing".lstrip(".")
+        case "union_tag_invalid":
+            return f"{key}.kind is {fault['ctx']['tag']!r}".lstrip(".")
+        case "value_error":
+            return f"{key}: {said}" if key else said
+    value = repr(fault["input"])
+    return f"{key or 'the file'}: {said}, not {value if len(value) <= 60 else value[:57] + '...'}"
+
+
+def _hint(file: Any, faults: list[Any]) -> str:
+    """What to do about the first of them."""
+    kind, loc = faults[0]["type"], faults[0]["loc"]
+    if kind == "extra_forbidden":
+        known = _fields_at(file, loc[:-1])
+        words = [fault["loc"][-1] for fault in faults if fault["type"] == kind and fault["loc"][:-1] == loc[:-1]]
+        return "".join(did_you_mean(str(word), known) for word in words[:-1]) + nearest(str(words[-1]), known)
+    if kind == "union_tag_invalid":
+        return nearest(str(faults[0]["ctx"]["tag"]), list(_variants(_annotation(file, loc))))
+    if kind in ("missing", "union_tag_not_found"):
+        return "Add it"
+    return f"Correct key '{'.'.join(_written(file, loc))}'"
+
+
+def _written(file: Any, loc: Sequence[str | int]) -> list[str]:
     """A place in the file as its writer sees it: without the names of variants that pydantic puts in between."""
-    return [key for i, key in enumerate(loc) if i == 0 or key not in _variants(_annotation(schema, loc[:i]))]
+    return [str(key) for i, key in enumerate(loc) if key not in _variants(_annotation(file, loc[:i]))]
 
 
-def _fields_at(schema: type[BaseModel], loc: list[str]) -> list[str]:
+def _fields_at(file: Any, loc: Sequence[str | int]) -> list[str]:
     """The keys that the section at `loc` knows."""
-    section = _annotation(schema, loc)
+    section = _annotation(file, loc)
     return list(section.model_fields) if isinstance(section, type) and issubclass(section, BaseModel) else []
 
 
-def _annotation(schema: Any, loc: list[str]) -> Any:
+def _annotation(schema: Any, loc: Sequence[str | int]) -> Any:
     """What may stand at `loc`: a section, a union of sections, or anything else."""
     for key in loc:
         variants = _variants(schema)

@@ -18,6 +18,8 @@ Policy = Literal["max_authority", "min_voltage", "min_current", "fixed_frequency
 """What the controller chooses frequencies for."""
 POLICIES: tuple[Policy, ...] = get_args(Policy)
 
+SLIDING_M_S = 0.002  # below, a finger rests and kinetic friction is not defined
+
 
 class FingerSample(NamedTuple):
     """One raw reading of the finger: position on the screen and forces, at a time.

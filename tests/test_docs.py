@@ -22,7 +22,7 @@ import httpx
 import pytest
 import typer
 
-from haptic_driver.cli.main import COMMANDS, build_app, main
+from haptic_driver.cli.main import GROUPS, build_app, main
 from haptic_driver.config import find_config
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -218,7 +218,7 @@ def test_commands_in_running_text_are_understood(page: Path, program: Any) -> No
     """One that is only named must be there; one with options or arguments must be right to the end."""
     for line in mentioned(page):
         words = line.split()[1:]
-        group = words[0] in COMMANDS and "." not in COMMANDS[words[0]]
+        group = words[0] in GROUPS
         only_named = len(words) <= (2 if group else 1) and not words[0].startswith("-")
         assert known(program, words) if only_named else understood(program, line), line
 

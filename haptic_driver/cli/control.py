@@ -1,4 +1,4 @@
-"""`haptic arm`, `set`, `off`, `disarm`, `status`, `record`, `reset`: what a client asks of the daemon."""
+"""`haptic arm`, `set`, `off`, `disarm`, `status`, `use`, `reset`: what a client asks of the daemon."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -72,15 +72,14 @@ def set_target(
 
     Example: `haptic set 0.6`
     """
-    from haptic_driver.daemon.messages import HIGHEST_COF  # noqa: PLC0415  pydantic is slow to import
+    from haptic_driver.daemon.messages import HIGHEST_ASKED_COF  # noqa: PLC0415  pydantic is slow to import
 
-    if not 0.0 < cof <= HIGHEST_COF:
+    if not 0.0 < cof <= HIGHEST_ASKED_COF:
         raise BadInputError(
             "out_of_range", f"friction {cof:g} is out of range",
-            f"Give a coefficient of friction above 0, at most {HIGHEST_COF:g}, such as 0.6",
+            f"Give a coefficient of friction above 0, at most {HIGHEST_ASKED_COF:g}, such as 0.6",
         )  # fmt: skip
-    with client_of(socket) as client:
-        _report(client.set(_token(client.socket), cof), as_json)
+    ask(socket, as_json, lambda client: client.set(_token(client.socket), cof))
 
 
 def off(socket: SocketOption = None, as_json: Json = False) -> None:
@@ -88,8 +87,7 @@ def off(socket: SocketOption = None, as_json: Json = False) -> None:
 
     Example: `haptic off --json`
     """
-    with client_of(socket) as client:
-        _report(client.off(), as_json)
+    ask(socket, as_json, lambda client: client.off())
 
 
 def disarm(socket: SocketOption = None, as_json: Json = False) -> None:
@@ -97,8 +95,7 @@ def disarm(socket: SocketOption = None, as_json: Json = False) -> None:
 
     Example: `haptic disarm --json`
     """
-    with client_of(socket) as client:
-        _report(client.disarm(), as_json)
+    ask(socket, as_json, lambda client: client.disarm())
 
 
 def status(socket: SocketOption = None, as_json: Json = False) -> None:
@@ -106,8 +103,7 @@ def status(socket: SocketOption = None, as_json: Json = False) -> None:
 
     Example: `haptic status --json`
     """
-    with client_of(socket) as client:
-        _report(client.status(), as_json)
+    ask(socket, as_json, lambda client: client.status())
 
 
 def use(
@@ -121,8 +117,7 @@ def use(
 
     Example: `haptic use reference`
     """
-    with client_of(socket) as client:
-        _report(client.use_model(model), as_json)
+    ask(socket, as_json, lambda client: client.use_model(model))
 
 
 def reset(socket: SocketOption = None, as_json: Json = False) -> None:
@@ -130,30 +125,12 @@ def reset(socket: SocketOption = None, as_json: Json = False) -> None:
 
     Example: `haptic reset --json`
     """
-    with client_of(socket) as client:
-        _report(client.reset(), as_json)
-
-
-def record(
-    file: Annotated[Path | None, typer.Argument(help="HDF5 file to write.")] = None,
-    stop: Annotated[bool, typer.Option("--stop", help="End the recording.")] = False,
-    socket: SocketOption = None,
-    as_json: Json = False,
-) -> None:
-    """Record every tick into a file, until --stop.
-
-    Example: `haptic record run.h5`
-    """
-    if stop == (file is not None):
-        raise BadInputError("usage", "give either a file or --stop", "See: haptic record --help")
-    with client_of(socket) as client:
-        _report(client.record(file), as_json)
+    ask(socket, as_json, lambda client: client.reset())
 
 
 def play(name: str, socket: Path | None, as_json: bool) -> None:
     """`haptic texture play`."""
-    with client_of(socket) as client:
-        _report(client.play(_token(client.socket), name), as_json)
+    ask(socket, as_json, lambda client: client.play(_token(client.socket), name))
 
 
 def show_status(status: Status) -> None:
@@ -177,7 +154,10 @@ def number(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
 
 
-def _report(status: Status, as_json: bool) -> None:
+def ask(socket: Path | None, as_json: bool, of: Callable[[HapticClient], Status]) -> None:
+    """Ask one thing of the daemon, and show the status that it answers."""
+    with client_of(socket) as client:
+        status = of(client)
     report(as_json, status.model_dump(mode="json"), lambda: show_status(status))
 
 

@@ -56,7 +56,7 @@ def run(
         report(as_json, {"socket": str(socket), "page": page}, lambda: _show(rig, socket, page))
 
     logging.basicConfig(format="%(asctime)s %(name)s: %(message)s", level=logging.INFO)
-    return run_daemon(rig, socket, model, allow_no_rt, port, lsl=lsl, osc=osc, announce=announce)
+    return run_daemon(rig, socket, model, allow_no_rt, port, lsl, osc, announce)
 
 
 def _show(rig: str, socket: Path, page: str | None) -> None:

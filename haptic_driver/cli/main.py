@@ -21,39 +21,9 @@ from haptic_driver.errors import BadInputError, HapticError
 from hw.errors import DeviceError
 from model.support.errors import ModelError
 
-# Where each command lives: a module of this folder and its function, or its group where none is named. A module is
-# imported only when its command is asked for: `haptic off` must not wait for matplotlib.
+# The first line of each command's docstring, or its group's help: the help of `haptic` imports none of them. A module
+# is imported only when its command is asked for: `haptic off` must not wait for matplotlib.
 COMMANDS = {
-    "predict": "predict.predict",
-    "surface": "surface",
-    "solve": "solve.solve",
-    "demo": "demo.demo",
-    "texture": "texture",
-    "daemon": "daemon",
-    "arm": "control.arm",
-    "set": "control.set_target",
-    "off": "control.off",
-    "disarm": "control.disarm",
-    "use": "control.use",
-    "reset": "control.reset",
-    "status": "control.status",
-    "watch": "watch.watch",
-    "record": "control.record",
-    "export": "record.export",
-    "measure": "measure.measure",
-    "diagnose": "diagnose.diagnose",
-    "calibrate": "calibrate.calibrate",
-    "calibrate-touch": "calibrate_touch.calibrate_touch",
-    "study": "study.study",
-    "sensitivity": "sensitivity.sensitivity",
-    "explore": "explore.explore",
-    "reproduce": "reproduce.reproduce",
-    "simulate": "simulate.simulate",
-    "doctor": "doctor.doctor",
-}
-
-# The first line of each command's docstring, or its group's help, for the help of `haptic` imports none of them.
-SUMMARIES = {
     "predict": "Predict force, friction and current for a table of conditions.",
     "surface": "Build, describe and draw the lookup surface.",
     "solve": "Find the frequency and voltage that give a target friction within the rig's limits.",
@@ -81,6 +51,8 @@ SUMMARIES = {
     "simulate": "Serve the simulated instruments of a rig on loopback until interrupted, for any software to talk to.",
     "doctor": "Check a rig without energising it: identity, settings, limits, monitors, calibration dates, scheduling.",
 }
+GROUPS = ("surface", "texture", "daemon")
+CONTROL = ("arm", "set", "off", "disarm", "use", "reset", "status")  # in one module; each other one has its own
 
 # What the parser raises for a wrong command line, whether typer ships its parser or imports it.
 USAGE_ERROR: Any = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
@@ -124,17 +96,19 @@ def build_app(imported: Iterable[str] = COMMANDS) -> typer.Typer:
         epilog="Exit status: 0 done, 1 failed, 2 what was given cannot be used.",
     )  # fmt: skip
     app.callback()(_options)
-    for name, place in COMMANDS.items():
+    for name, summary in COMMANDS.items():
         if name not in imported:
-            app.command(name, help=SUMMARIES[name])(_not_imported)
-            continue
-        module_name, _, function = place.partition(".")
-        module = import_module(f"haptic_driver.cli.{module_name}")
-        if function:
-            app.command(name)(getattr(module, function))
+            app.command(name, help=summary)(_not_imported)
+        elif name in GROUPS:
+            app.add_typer(module_of(name).app, name=name)
         else:
-            app.add_typer(module.app, name=name)
+            app.command(name)(getattr(module_of(name), "set_target" if name == "set" else name.replace("-", "_")))
     return app
+
+
+def module_of(name: str) -> Any:
+    """Where a command or group lives."""
+    return import_module(f"haptic_driver.cli.{'control' if name in CONTROL else name.replace('-', '_')}")
 
 
 def _not_imported() -> None:

@@ -1,4 +1,4 @@
-"""`haptic export`: recordings as tables."""
+"""`haptic record`: every tick into a file."""
 
 from __future__ import annotations
 
@@ -7,24 +7,22 @@ from typing import Annotated
 
 import typer
 
-from haptic_driver.cli.output import Json, progress, report, stdout
-from haptic_driver.recording import read as recording
+from haptic_driver.cli.control import ask
+from haptic_driver.cli.daemon import SocketOption
+from haptic_driver.cli.output import Json
+from haptic_driver.errors import BadInputError
 
 
-def export(
-    file: Annotated[Path, typer.Argument(help="Recording, HDF5.")],
-    out: Annotated[Path, typer.Option("--out", help="Table to write: .csv or .parquet.")],
-    run: Annotated[str | None, typer.Option("--run", help="Run, e.g. run_0001; the last one by default.")] = None,
-    events: Annotated[bool, typer.Option("--events", help="The events instead of the samples.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite what is there.")] = False,
+def record(
+    file: Annotated[Path | None, typer.Argument(help="HDF5 file to write.")] = None,
+    stop: Annotated[bool, typer.Option("--stop", help="End the recording.")] = False,
+    socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
-    """Write a run of a recording as CSV or Parquet, one row per tick.
+    """Record every tick into a file, until --stop.
 
-    Example: `haptic export run.h5 --out run.csv`
+    Example: `haptic record run.h5`
     """
-    runs = recording.run_names(file)
-    with progress("exporting", recording.row_count(file, run, events=events)) as advance:
-        rows = recording.export(file, out, run=run, events=events, force=force, progress=advance)
-    payload = {"recording": str(file), "out": str(out), "run": run or runs[-1], "runs": runs, "rows": rows}
-    report(as_json, payload, lambda: stdout.print(f"{out}: {rows} rows of {payload['run']}"))
+    if stop == (file is not None):
+        raise BadInputError("usage", "give either a file or --stop", "See: haptic record --help")
+    ask(socket, as_json, lambda client: client.record(file))

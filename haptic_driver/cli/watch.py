@@ -20,7 +20,7 @@ from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, stdout
 
 if TYPE_CHECKING:
-    from haptic_driver.daemon.web.records import StateFrame
+    from haptic_driver.daemon.messages import StateFrame
 
 BLOCKS = "▁▂▃▄▅▆▇█"
 HISTORY = 60  # frames, 3 s

@@ -19,8 +19,8 @@ _log = logging.getLogger("haptic_driver.daemon")
 class EventLog:
     """Events for the API; each also goes to the log, and to `listener`. Thread-safe."""
 
-    def __init__(self, listener: Callable[[Event], object] = lambda event: None) -> None:
-        self._listener = listener
+    def __init__(self) -> None:
+        self.listener: Callable[[Event], object] = lambda event: None
         self._events: deque[Event] = deque(maxlen=EVENTS_KEPT)
         self._count = 0
         self._lock = threading.Lock()
@@ -31,7 +31,7 @@ class EventLog:
             self._count += 1
             event = Event(number=self._count, time_s=time.monotonic(), kind=kind, message=message, data=data)
             self._events.append(event)
-        self._listener(event)
+        self.listener(event)
         _log.log(logging.ERROR if kind in ("fault", "trip") else logging.INFO, "%s: %s", kind, message)
 
     def since(self, number: int) -> list[Event]:

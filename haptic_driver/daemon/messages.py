@@ -1,21 +1,30 @@
-"""What the daemon and its clients tell one another: states, status, events, requests."""
+"""What the daemon and its clients tell one another: states, status, requests, answers.
+
+Without numpy, which `haptic status` does not wait for.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import Field, FiniteFloat, RootModel
 
+from haptic_driver.config import Checked
 from haptic_driver.errors import HapticError
 from haptic_driver.recording.event import Event
 
-if TYPE_CHECKING:  # `haptic status` does not wait for numpy
-    import numpy as np
-    from numpy.typing import NDArray
+LEASE_HEADER = "X-Haptic-Lease"
+HIGHEST_ASKED_COF = 10.0  # twice what a texture file may say
+MOST_SAMPLES = 2000  # what turns into JSON in a few milliseconds, of which the set-point pump loses as many
+MOST_COUNT = 2**62
 
-HIGHEST_COF = 10.0  # that anybody may ask for
+Column = list[float | int | None]
+Since = Annotated[int, Field(ge=0, le=MOST_COUNT, description="Only what comes after this number.")]
+
+
+class RefusedError(HapticError):
+    """The daemon is not in a state to do this; nothing was changed."""
 
 
 class DaemonState(StrEnum):
@@ -28,13 +37,7 @@ class DaemonState(StrEnum):
     FAULT = "fault"
 
 
-class Record(BaseModel):
-    """Base of everything that crosses the API; unknown keys are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Status(Record):
+class Status(Checked):
     """`haptic status`; `output_on` is None where nobody knows."""
 
     state: DaemonState
@@ -60,85 +63,122 @@ class Status(Record):
     recording: str | None
 
 
-class Lease(Record):
+class Lease(Checked):
     """What `arm` gives: to be renewed within `lease_s`, or the output ramps to zero."""
 
     token: str
     lease_s: float
 
 
-class Target(Record):
+class FrictionChoice(Checked):
     """`haptic set MU`."""
 
-    cof: Annotated[FiniteFloat, Field(gt=0.0, le=HIGHEST_COF)]
+    cof: Annotated[FiniteFloat, Field(gt=0.0, le=HIGHEST_ASKED_COF)]
 
 
-class TextureChoice(Record):
+class TextureChoice(Checked):
     """`haptic texture play T`."""
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
 
 
-class ModelChoice(Record):
+class ModelChoice(Checked):
     """`haptic use MODEL`."""
 
     name: Annotated[str, Field(min_length=1, max_length=1000)]
 
 
-class ArmRequest(Record):
+class ArmRequest(Checked):
     """`haptic arm`."""
 
     lease_s: Annotated[FiniteFloat, Field(ge=0.1, le=60.0)] = 0.5
 
 
-class RefusedError(HapticError):
-    """The daemon is not in a state to do this; nothing was changed."""
+class RecordingRequest(Checked):
+    """`haptic record FILE`; null stops."""
+
+    path: Annotated[str, Field(min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f]+$")] | None
 
 
-class Control(Protocol):
-    """What the API needs of the daemon; every call is thread-safe, returns at once and raises HapticError."""
+class SinceEvent(Checked, extra="ignore"):
+    """The query of `GET /events`."""
 
-    def status(self) -> Status:
-        """The present state."""
+    since: Since = 0
 
-    def arm(self, lease_s: float) -> Lease:
-        """Idle -> armed; `RefusedError` in any other state or with the reason why the rig is not ready."""
 
-    def renew(self, token: str) -> Lease:
-        """Keep the lease alive; `RefusedError` for another's token or an expired lease."""
+class SinceTick(Checked, extra="ignore"):
+    """The query of `GET /samples`."""
 
-    def set_target(self, token: str, cof: float) -> Status:
-        """Ask for one friction everywhere; armed -> rendering."""
+    since: Since = 0
+    most: Annotated[int, Field(ge=1, le=MOST_SAMPLES, description="The newest so many.")] = 1000
 
-    def play(self, token: str, texture: str) -> Status:
-        """Ask for a texture; armed -> rendering."""
 
-    def off(self) -> Status:
-        """Output to zero at once, from anyone, in any state; rendering -> armed."""
+class TextureNames(Checked):
+    """What `GET /textures` answers."""
 
-    def disarm(self) -> Status:
-        """Off, and the lease is gone; -> idle."""
+    textures: list[str]
 
-    def reset(self) -> Status:
-        """Acknowledge a fault or trip whose cause is gone; fault -> idle."""
 
-    def use_model(self, name: str) -> Status:
-        """Render by another model, such as one of this finger; while idle, and not while recording."""
+class Events(Checked):
+    """What `GET /events` answers."""
 
-    def record(self, path: str | None) -> Status:
-        """Start recording into a file, or stop with None."""
+    events: list[Event]
 
-    def textures(self) -> list[str]:
-        """Names that `play` knows."""
 
-    def samples(self, since_tick: int, most: int) -> NDArray[np.void]:
-        """Records of dtype SAMPLE after `since_tick`, the newest `most` of them."""
+class SurfaceMap(Checked):
+    """Friction over frequency and voltage, `cof[frequency][voltage]`, at the usual load."""
 
-    def events(self, since: int) -> Sequence[Event]:
-        """Events with a number above `since`, as far back as they are kept."""
+    frequency_hz: list[float]
+    voltage_v: list[float]
+    cof: list[list[float | None]]
 
-    def surface_map(self) -> dict[str, Any]:
-        """`frequency_hz` [m], `voltage_v` [n], `cof` [m][n] at the usual load, for the dashboard's picture."""
 
-    def texture_map(self) -> dict[str, Any]:
-        """`x_m`, `y_m`, `cof` [ny][nx] of the texture that plays, on the screen, coarse enough to draw."""
+class TextureMap(Checked):
+    """Friction that the present texture asks for, `cof[y][x]`; null where it asks for nothing."""
+
+    x_m: list[float]
+    y_m: list[float]
+    cof: list[list[float | None]]
+
+
+class SampleColumns(RootModel[dict[str, Column]]):
+    """One list per field of `SAMPLE`, oldest first; null for what is no number."""
+
+
+class TickSummary(Checked):
+    """The ticks since the frame before; None where there were none."""
+
+    count: int
+    lateness_median_s: float | None
+    lateness_max_s: float | None
+    compute_median_s: float | None
+    compute_max_s: float | None
+    lateness_edges_s: list[float]
+    lateness_counts: list[int]
+
+
+class StateFrame(Checked):
+    """One message of the WebSocket `/state`: the status, the newest sample, and how the ticks went."""
+
+    status: Status
+    newest: dict[str, float | int | None] | None
+    ticks: TickSummary
+
+
+class ErrorContent(Checked):
+    """The three things that every error says."""
+
+    code: str
+    message: str
+    hint: str
+
+
+class ErrorReport(Checked):
+    """Body of every response with a status of 400 and above."""
+
+    error: ErrorContent
+
+    @classmethod
+    def of(cls, error: HapticError) -> ErrorReport:
+        """The report of one error."""
+        return cls(error=ErrorContent(code=error.code, message=error.message, hint=error.hint))

@@ -28,9 +28,8 @@ from haptic_driver.render import envelope
 from haptic_driver.render.compiled import compilation_said, refuse_to_compile
 from haptic_driver.render.texture import FloatArray, Target, Uniform
 from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
-from haptic_driver.signals import FingerSample, FingerState
+from haptic_driver.signals import SLIDING_M_S, FingerSample, FingerState
 
-SLIDING_M_S = 0.002  # below, a finger rests and kinetic friction is not defined
 WARM_UP_TICKS = 200
 _OVERRUN, _SATURATED_SENSOR, _STALE_SENSOR, _UNREACHABLE, _REJECTED, _LEASE_LOST, _FAULT, _FEEDBACK_LIMIT = map(
     int,

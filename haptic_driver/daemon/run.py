@@ -29,10 +29,9 @@ def run_daemon(
     model: str,
     allow_no_rt: bool,
     tcp_port: int | None,
-    amplifier_record: Path | None = None,
-    lsl: bool = False,
-    osc: str | None = None,
-    announce: Callable[[Path, str | None], None] = lambda socket, page: None,
+    lsl: bool,
+    osc: str | None,
+    announce: Callable[[Path, str | None], None],
 ) -> int:
     """Run a daemon until SIGTERM or SIGINT; exit status 0 when the output is known to be off at the end.
 
@@ -47,7 +46,7 @@ def run_daemon(
     place = Place(socket or default_socket())
     try:
         with compilation_said("daemon"):
-            settings = daemon_settings(rig, model, allow_no_rt=allow_no_rt, amplifier_record=amplifier_record)
+            settings = daemon_settings(rig, model, allow_no_rt=allow_no_rt)
             outlets = _outlets(settings, lsl, osc)
             return 0 if _serve_until(ended, settings, place, tcp_port, outlets, announce) is False else 1
     finally:

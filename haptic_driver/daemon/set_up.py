@@ -50,9 +50,8 @@ def daemon_settings(
     """Everything by name; solves the surface. Raises BadInputError."""
     config = load_rig(rig)
     surface = build_surface(load_model(model), config.operating_limits())
-    return DaemonSettings(
-        rig, model, config, surface, render_settings(config, surface), allow_no_rt, amplifier_record
-    )  # fmt: skip
+    render = render_settings(config, surface)
+    return DaemonSettings(rig, model, config, surface, render, allow_no_rt, amplifier_record)
 
 
 def render_settings(config: RigConfig, surface: SurfaceFile) -> RenderSettings:

@@ -14,14 +14,16 @@ import threading
 import time
 from collections.abc import Callable
 
+from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.instruments import Instruments, connect_real, connect_simulated
-from haptic_driver.daemon.messages import RefusedError
-from haptic_driver.daemon.output_pump import OUTPUT_STALE_S, OutputPump
+from haptic_driver.daemon.messages import DaemonState, RefusedError
+from haptic_driver.daemon.orders import Orders
+from haptic_driver.daemon.output_pump import OUTPUT_STALE_S
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.errors import HapticError
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.shared_memory import SharedState
-from haptic_driver.rig.states import RigEvent, RigState
+from haptic_driver.rig.states import RigState
 from hw.errors import DeviceError
 
 START_TIMEOUT_S = 240.0  # compiling all kernels, on a busy machine
@@ -39,13 +41,11 @@ _log = logging.getLogger(__name__)
 class Supervisor:
     """The render process, the instruments (in a process of their own where simulated) and their sensors' thread.
 
-    `missing` says why nobody can arm; empty when all is there. `failed` is told what takes the output away, `tell`
-    what else happened, `rig_says` what the rig reports.
+    `missing` says why nobody can arm; empty when all is there. `orders` are told what takes the output away.
     """
 
     def __init__(
-        self, settings: DaemonSettings, shared: SharedState, pump: OutputPump, *,
-        failed: Callable[[str], object], tell: Callable[[str, str], object], rig_says: Callable[[RigEvent], None],
+        self, settings: DaemonSettings, shared: SharedState, orders: Orders, events: EventLog,
         clock: Callable[[], float],
     ) -> None:  # fmt: skip
         self.missing = "the daemon is starting"
@@ -54,10 +54,8 @@ class Supervisor:
         self.real_time = False
         self._settings = settings
         self._shared = shared
-        self._pump = pump
-        self._failed = failed
-        self._tell = tell
-        self._rig_says = rig_says
+        self._orders = orders
+        self._events = events
         self._clock = clock
         self._children: dict[str, Child] = {}
         self._looked_s = -math.inf
@@ -93,7 +91,25 @@ class Supervisor:
         last_s["render"] = self._shared.output.read().time_s
         return ", ".join(f"{who} is silent" for who, time_s in last_s.items() if now_s - time_s > OUTPUT_STALE_S)
 
-    def watch(self, now_s: float, rendering: bool) -> None:
+    def refuse_unless_ready(self, settings: DaemonSettings, state: DaemonState) -> None:
+        """RefusedError with what keeps the output off; of a fault the state machine speaks itself."""
+        if self.missing and state is not DaemonState.FAULT:
+            raise RefusedError("not_ready", self.missing, "wait until it is back")
+        if silent := self.silent():
+            raise RefusedError("not_ready", silent, "check the sensors; look at the events")
+        config = settings.config
+        if open_facts := config.unverified:
+            raise RefusedError(
+                "unverified", f"the file of rig {config.name} leaves open: {'; '.join(open_facts)}",
+                "measure them, write them down with who measured them and when, and start the daemon again",
+            )  # fmt: skip
+        if not (config.simulated or self.real_time or settings.allow_no_rt):
+            raise RefusedError(
+                "no_real_time", "render was not granted real-time scheduling, and this rig is real",
+                "allow it (LimitRTPRIO, LimitMEMLOCK), or start the daemon with --allow-no-rt",
+            )  # fmt: skip
+
+    def watch(self, now_s: float) -> None:
         """Look after everything, often; begins to bring back what is gone. Raises HapticError when the rig trips."""
         for name, child in list(self._children.items()):
             if (ended := child.ended) is not None and not self._ending.is_set():
@@ -101,7 +117,7 @@ class Supervisor:
         if now_s - self._looked_s >= LOOK_PERIOD_S:
             self._looked_s = now_s
             if self.instruments is not None and not self.missing:
-                self._look_at(self.instruments, now_s, rendering)
+                self._look_at(self.instruments, now_s)
 
     def claim_render(self) -> None:
         """Nobody can arm from here on, until `render_anew` has ended. Raises RefusedError."""
@@ -130,7 +146,7 @@ class Supervisor:
 
     def close(self) -> bool | None:
         """Switch off and end everything, after `end`; whether the output is on (None: unknown). Never raises."""
-        output_on = self.instruments.close() if self.instruments is not None else self._pump.output_on
+        output_on = self.instruments.close() if self.instruments is not None else self._orders.pump.output_on
         for child in self._children.values():
             child.stop()
         return output_on
@@ -161,10 +177,10 @@ class Supervisor:
         config = self._settings.config
         if config.simulated:
             self.endpoints = self._children[INSTRUMENTS].ready(START_TIMEOUT_S)["endpoints"]
-            self.instruments = connect_simulated(config, self.endpoints, self._rig_says)
+            self.instruments = connect_simulated(config, self.endpoints, self._orders.rig_says)
         else:
-            self.instruments = connect_real(config, self._rig_says)
-        self._pump.actuator = self.instruments.actuator
+            self.instruments = connect_real(config, self._orders.rig_says)
+        self._orders.pump.actuator = self.instruments.actuator
 
     def _await_heard(self) -> None:
         until_s = self._clock() + START_TIMEOUT_S
@@ -185,14 +201,14 @@ class Supervisor:
             except DeviceError as error:
                 if self._sensors_failed is None:
                     self._sensors_failed = self._clock(), error.message
-                    self._tell("flag", f"sensors: {error.message}")
+                    self._events.tell("flag", f"sensors: {error.message}")
             time.sleep(pause_s)
 
-    def _look_at(self, instruments: Instruments, now_s: float, rendering: bool) -> None:
+    def _look_at(self, instruments: Instruments, now_s: float) -> None:
         if why := self._why_lost(instruments, now_s):
             self._lose(INSTRUMENTS, why)
             return
-        if instruments.rig.state is RigState.OFF and not rendering:
+        if instruments.rig.state is RigState.OFF and not self._orders.rendering:
             try:
                 instruments.check_watchdog()
             except DeviceError as error:
@@ -215,7 +231,7 @@ class Supervisor:
 
     def _lose(self, name: str, why: str) -> None:
         """Say so, then bring it back in a thread of its own, one thing at a time; nobody can arm meanwhile."""
-        self._failed(why)
+        self._orders.fail(why)
         with self._restarting:
             if self.missing:
                 return
@@ -234,7 +250,7 @@ class Supervisor:
             else:
                 self._sensors_failed = self._unknown_since_s = None
                 self.missing = ""
-                self._tell("state", f"{name}: back; reset to go on")
+                self._events.tell("state", f"{name}: back; reset to go on")
                 return
 
     def _restart(self, name: str) -> None:
@@ -245,7 +261,7 @@ class Supervisor:
         elif name == WATCHDOG and self.instruments is not None:
             self.instruments.restart_watchdog()
         else:
-            instruments, self.instruments, self._pump.actuator = self.instruments, None, None
+            instruments, self.instruments, self._orders.pump.actuator = self.instruments, None, None
             if instruments is not None:
                 instruments.close()
             self._begin_instruments()

@@ -29,7 +29,6 @@ class RealTime(NamedTuple):
     """What was granted to this process, and in words why not the rest."""
 
     scheduled: bool
-    memory_locked: bool
     refused: str
 
     def metronome(self, period_s: float, number: int = 0) -> Metronome:
@@ -46,11 +45,10 @@ def enter(priority: int = PRIORITY) -> RealTime:
     except (OSError, AttributeError) as error:
         scheduled = False
         refused.append(f"SCHED_FIFO {priority}: {error}; allow it with LimitRTPRIO={priority} or /etc/security/limits")
-    locked = _libc.mlockall(_LOCK_CURRENT | _LOCK_FUTURE) == 0
-    if not locked:
+    if _libc.mlockall(_LOCK_CURRENT | _LOCK_FUTURE) != 0:
         refused.append(f"mlockall: {os.strerror(ctypes.get_errno())}; allow it with LimitMEMLOCK=infinity")
     _stay_awake()
-    return RealTime(scheduled, locked, "; ".join(refused))
+    return RealTime(scheduled, "; ".join(refused))
 
 
 def take_precedence() -> bool:

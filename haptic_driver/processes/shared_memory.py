@@ -12,7 +12,6 @@ import os
 import pickle
 import struct
 import zlib
-from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar, cast, get_type_hints
 
 import numpy as np
@@ -186,6 +185,10 @@ class Ring:
         kept = copy[overwritten:]
         return Taken(kept, end - position - len(kept), end)
 
+    def newest(self, most: int) -> NDArray[np.void]:
+        """The last samples, at most so many."""
+        return self.read(max(self.position - most, 0)).samples
+
 
 class TargetStore:
     """What is to be rendered, for a reader who takes it between two ticks, at once and without copying a map.
@@ -246,18 +249,8 @@ _TARGETS_AT = -(-(_COURSES_AT + _RING_HEADER_BYTES + RING_COURSES * COURSE.items
 _TOTAL_BYTES = _TARGETS_AT + 2 * TARGET_BYTES
 
 
-@dataclass
 class SharedState:
     """The memory and what lies in it; `descriptor` is what another process needs to see the same."""
-
-    descriptor: int
-    sensed: Slot[Sensed]
-    order: Slot[Order]
-    output: Slot[Output]
-    driven: Slot[Driven]
-    ring: Ring
-    courses: Ring
-    targets: TargetStore
 
     def __init__(self, descriptor: int | None = None) -> None:
         if descriptor is None:

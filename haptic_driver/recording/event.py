@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import Field
+
+from haptic_driver.config import Checked
 
 
-class Event(BaseModel):
+class Event(Checked):
     """Something that happened; `number` counts up without gaps."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     number: int
     time_s: float
     kind: str  # state | flag | target | texture | model | lease | trip | fault | marker | drift | recording | outlet
     message: str
-    data: dict[str, Any] = {}
+    data: dict[str, Any] = Field({})

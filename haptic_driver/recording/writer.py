@@ -53,20 +53,9 @@ class RunHeader:
 
     def attributes(self) -> dict[str, str | float]:
         """Strings and floats."""
-        return {
-            "rig": self.rig,
-            "simulated": float(self.simulated),
-            "model": self.model,
-            "surface_hash": self.surface_hash,
-            "calibration_ids": json.dumps(self.calibration_ids),
-            "software_version": self.software_version,
-            "actuator": self.actuator,
-            "latency_budget_s": json.dumps(self.latency_budget_s),
-            "started_s": self.started_s,
-            "started_at": self.started_at,
-            "samples_lost": 0.0,
-            "complete": 0.0,
-        }
+        said = {name: value for name, value in vars(self).items() if name != "config"}
+        found = {name: json.dumps(value) if isinstance(value, dict) else value for name, value in said.items()}
+        return found | {"simulated": float(self.simulated), "samples_lost": 0.0, "complete": 0.0}
 
 
 @dataclass(frozen=True)

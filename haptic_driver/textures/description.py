@@ -6,14 +6,14 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, RootModel, model_validator
 
+from haptic_driver import config
+from haptic_driver.config import Checked
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import Interpolation, Outside
-from model.support.errors import did_you_mean
 
-LOWEST_COF = 0.01
-HIGHEST_COF = 5.0
+TEXTURE_COF = (0.01, 5.0)  # what a file may say; the upper end is beyond any finger's
 # The finest detail that reaches a finger: its distance per tick of 1 ms at 100 mm/s. The friction of skin itself
 # follows to 13.8 Hz per mm/s (arXiv 2505.11162), that is to 0.07 mm.
 FINEST_MM = 0.1
@@ -21,11 +21,11 @@ SHORTEST_PERIOD_MM = 2.0 * FINEST_MM
 SAMPLES_PER_WAVE = 12  # straight lines between them miss a crest by 1 - cos(pi/12), 3.4 %
 LARGEST_NOISE_PIXELS = 2048  # along one side
 
-Cof = Annotated[float, Field(ge=LOWEST_COF, le=HIGHEST_COF, allow_inf_nan=False)]
+Cof = Annotated[float, Field(ge=TEXTURE_COF[0], le=TEXTURE_COF[1], allow_inf_nan=False)]
 LengthMm = Annotated[float, Field(ge=0.001, le=10_000.0, allow_inf_nan=False)]
 OffsetMm = Annotated[float, Field(ge=-10_000.0, le=10_000.0, allow_inf_nan=False)]
 PeriodMm = Annotated[float, Field(ge=SHORTEST_PERIOD_MM, le=10_000.0, allow_inf_nan=False)]
-AmplitudeCof = Annotated[float, Field(ge=0.0, le=HIGHEST_COF, allow_inf_nan=False)]
+AmplitudeCof = Annotated[float, Field(ge=0.0, le=TEXTURE_COF[1], allow_inf_nan=False)]
 OriginMm = Annotated[list[OffsetMm], Field(min_length=2, max_length=2)]
 Seconds = Annotated[float, Field(ge=0.0, le=86_400.0, allow_inf_nan=False)]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
@@ -39,10 +39,8 @@ PitchMm = Annotated[list[LengthMm], BeforeValidator(_both_axes), Field(min_lengt
 FileName = Annotated[str, Field(min_length=1)]
 
 
-class _Description(BaseModel):
-    # Strict: TOML has types of its own, so the text "0.6" where a number belongs is a mistake.
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
+# Strict: TOML has types of its own, so the text "0.6" where a number belongs is a mistake.
+class _Description(Checked, strict=True):
     description: str = ""
 
 
@@ -55,8 +53,9 @@ class UniformDescription(_Description):
 
 def _require_swing(mean_cof: float, amplitude_cof: float) -> None:
     low, high = mean_cof - amplitude_cof, mean_cof + amplitude_cof
-    if low < LOWEST_COF or high > HIGHEST_COF:
-        raise ValueError(f"mean_cof and amplitude_cof reach {low:g} to {high:g}, outside {LOWEST_COF} to {HIGHEST_COF}")
+    if low < TEXTURE_COF[0] or high > TEXTURE_COF[1]:
+        lowest, highest = TEXTURE_COF
+        raise ValueError(f"mean_cof and amplitude_cof reach {low:g} to {high:g}, outside {lowest} to {highest}")
 
 
 class GratingDescription(_Description):
@@ -129,7 +128,7 @@ class _Located(_Description):
     """Where a texture's point 0, 0 lies, and what is beyond its ends."""
 
     file: FileName
-    origin_mm: OriginMm = [0.0, 0.0]
+    origin_mm: OriginMm = Field([0.0, 0.0])
     outside: Outside = "nothing"
 
 
@@ -216,61 +215,21 @@ TextureDescription = (
 )
 Description = TextureDescription | ScriptDescription
 
-_KINDS: dict[str, type[_Description]] = {
-    "uniform": UniformDescription,
-    "grating": GratingDescription,
-    "noise": NoiseDescription,
-    "profile": ProfileDescription,
-    "map": MapDescription,
-    "hjif": HjifDescription,
-    "script": ScriptDescription,
-}
 SCRIPT_HINT = "columns: time_s (rising), cof or texture, and optional label and interpolation (hold, linear, cosine)"
-_ADAPTER: TypeAdapter[Description] = TypeAdapter(Annotated[Description, Field(discriminator="kind")])
+
+
+class _TextureFile(RootModel[Annotated[Description, Field(discriminator="kind")]]):
+    """A file is one description, of the kind that it says."""
 
 
 def parse(content: dict[str, Any], path: Path) -> Description:
     """The description in a texture file's content; `path` is for the error, which names every key at fault."""
-    try:
-        return _ADAPTER.validate_python(content)
-    except ValidationError as error:
-        faults = error.errors()
-        problems = list(dict.fromkeys(_problem(fault) for fault in faults))
-        raise BadInputError("bad_texture", f"{path}: {'; '.join(problems)}", _hint(faults, content)) from None
+    return config.parse(_TextureFile, content, str(path), "bad_texture").root
 
 
 def parse_step(content: dict[str, Any], where: str) -> StepDescription:
     """One step of a script from a file's line, which `where` names in the error."""
     try:
-        return StepDescription.model_validate(content)
-    except ValidationError as error:
-        faults = [{**fault, "loc": ("script", *fault["loc"])} for fault in error.errors()]
-        problems = list(dict.fromkeys(_problem(fault) for fault in faults))
-        raise BadInputError("bad_script", f"{where}: {'; '.join(problems)}", SCRIPT_HINT) from None
-
-
-def _problem(fault: Any) -> str:
-    keys = fault["loc"][1:]  # after the kind
-    # What follows a key is pydantic's own, but for the steps of a script.
-    key = ".".join(str(part) for part in keys[: 3 if keys[:1] == ("step",) else 1])
-    if fault["type"] == "union_tag_not_found":
-        return "key 'kind' is missing"
-    if fault["type"] == "union_tag_invalid":
-        return f"kind = {fault['ctx']['tag']!r} is unknown"
-    if fault["type"] == "extra_forbidden":
-        return f"unknown key '{key}'"
-    if fault["type"] == "missing":
-        return f"key '{key}' is missing"
-    if not key:
-        return str(fault["msg"]).removeprefix("Value error, ")
-    value = repr(fault["input"])
-    return f"key '{key}': {fault['msg']}, got {value if len(value) <= 60 else value[:57] + '...'}"
-
-
-def _hint(faults: list[Any], content: dict[str, Any]) -> str:
-    kind = content.get("kind")
-    if not isinstance(kind, str) or kind not in _KINDS:
-        return f"{did_you_mean(str(kind), list(_KINDS))}kind is one of: {', '.join(_KINDS)}"
-    keys = list(_KINDS[kind].model_fields)
-    unknown = [str(fault["loc"][1]) for fault in faults if fault["type"] == "extra_forbidden"]
-    return f"{''.join(did_you_mean(key, keys) for key in unknown)}keys of a {kind}: {', '.join(keys)}"
+        return config.parse(StepDescription, content, where)
+    except BadInputError as error:
+        raise BadInputError("bad_script", error.message, SCRIPT_HINT) from None

@@ -16,7 +16,7 @@ from PIL import Image
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input, read_bytes, read_text
-from haptic_driver.textures.description import HIGHEST_COF, LOWEST_COF
+from haptic_driver.textures.description import TEXTURE_COF
 from model.support.tables import read_table
 
 FloatArray = NDArray[np.float64]
@@ -119,7 +119,7 @@ def read_grid(path: Path) -> FloatArray:
 
 def require_cof(path: Path, cof: FloatArray) -> None:
     """Refuse a map with a value that is no coefficient of friction."""
-    _require_values(path, cof, LOWEST_COF, HIGHEST_COF, "with cof_black and cof_white a map holds 0 to 1 of full scale")
+    _require_values(path, cof, *TEXTURE_COF, "with cof_black and cof_white a map holds 0 to 1 of full scale")
 
 
 def require_shares(path: Path, shares: FloatArray) -> None:
@@ -155,8 +155,8 @@ def read_profile(path: Path) -> tuple[list[float], list[float]]:
         position, metres = ("position_mm", 1e-3) if in_mm else ("position_m", 1.0)
         table.require(position)
         along, cof = table.numbers(position), table.numbers("cof")
-    for row in np.flatnonzero(~((cof >= LOWEST_COF) & (cof <= HIGHEST_COF))).tolist():
-        hint = f"cof lies in {LOWEST_COF} to {HIGHEST_COF}"
+    for row in np.flatnonzero(~((cof >= TEXTURE_COF[0]) & (cof <= TEXTURE_COF[1]))).tolist():
+        hint = f"cof lies in {TEXTURE_COF[0]} to {TEXTURE_COF[1]}"
         raise BadInputError("bad_profile", f"{table.where(row)}: cof {cof[row]:g}", hint)
     for row in (1 + np.flatnonzero(np.diff(along) <= 0.0)).tolist():
         hint = "positions increase from line to line"

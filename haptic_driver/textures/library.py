@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from haptic_driver.config import read_toml
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import read_text
 from haptic_driver.render.texture import FrictionMap, Placed, Profile, Target, Texture, Uniform
 from haptic_driver.textures import description, files, formulas, hjif, script
 from model.support.errors import did_you_mean
@@ -105,11 +104,7 @@ def _load_file(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
 
 
 def _load_toml(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
-    try:
-        content = tomllib.loads(read_text(path))
-    except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
-        raise BadInputError("bad_texture", f"{path} is not TOML: {error}", "write lines such as: cof = 0.60") from None
-    described = description.parse(content, path)
+    described = description.parse(read_toml(path), path)
     if in_script and isinstance(described, description.ScriptDescription):
         raise _nested(path)
     try:

@@ -13,7 +13,7 @@ from haptic_driver.signals import FingerState
 FloatArray = NDArray[np.float64]
 
 WEBER = 0.11  # smallest change of friction that is felt, relative; 10.1098/rsif.2017.0641
-SCREEN_M = (0.100, 0.060)
+SCREEN_M = (0.100, 0.060)  # where nobody says which
 POINTS = (500, 300)
 SCRIPT_TIMES = 2000
 SCRIPT_PLACES = 25
@@ -61,8 +61,14 @@ def target_values(target: Target, screen_m: tuple[float, float]) -> FloatArray:
     if isinstance(target, Script):
         return _script_values(target, screen_m)
     assert isinstance(target, Texture)
-    x_m, y_m = (s * (np.arange(n) + 0.5) / n for s, n in zip(screen_m, POINTS, strict=True))
+    x_m, y_m = screen_grid(POINTS, screen_m)
     return target.cof_at(x_m[None, :], y_m[:, None])
+
+
+def screen_grid(points: tuple[int, int], screen_m: tuple[float, float] = SCREEN_M) -> tuple[FloatArray, FloatArray]:
+    """So many x and y, spread evenly over a screen: the middles of its cells."""
+    x_m, y_m = (s * (np.arange(n) + 0.5) / n for s, n in zip(screen_m, points, strict=True))
+    return x_m, y_m
 
 
 def _script_values(script: Script, screen_m: tuple[float, float]) -> FloatArray:

@@ -21,6 +21,13 @@ SEED = 20240607
 
 
 @pytest.fixture
+def shared():
+    state = SharedState()
+    yield state
+    state.close()
+
+
+@pytest.fixture
 def rng():
     return np.random.default_rng(SEED)
 
@@ -161,11 +168,3 @@ def haptic(capsys) -> Callable[..., Outcome]:
         return Outcome(status, captured.out, captured.err)
 
     return run
-
-
-@pytest.fixture
-def shared():
-    """The memory of daemon, render and recorder."""
-    state = SharedState()
-    yield state
-    state.close()

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from haptic_driver.render.texture import Script, Target, Texture
 from haptic_driver.surface.file import SurfaceFile
+from haptic_driver.textures.reach import screen_grid
 
 USUAL_FORCE_N = 0.5
 SURFACE_POINTS = (60, 40)  # frequency, voltage
-SCREEN_M, SCREEN_POINTS = (0.100, 0.060), (100, 60)
+SCREEN_POINTS = (100, 60)
 
 
 def surface_map(surface: SurfaceFile) -> dict[str, Any]:
@@ -32,7 +33,7 @@ def surface_map(surface: SurfaceFile) -> dict[str, Any]:
 
 def texture_map(target: Target | None, now_s: float) -> dict[str, Any]:
     """`x_m`, `y_m` and the friction `cof` [y][x] asked for on the screen; of a script, of its step at `now_s`."""
-    x_m, y_m = (s * (np.arange(n) + 0.5) / n for s, n in zip(SCREEN_M, SCREEN_POINTS, strict=True))
+    x_m, y_m = screen_grid(SCREEN_POINTS)
     texture = _present_texture(target, now_s) if isinstance(target, Script) else target
     cof = np.full((y_m.size, x_m.size), math.nan)
     if isinstance(texture, Texture):

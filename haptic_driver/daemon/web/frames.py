@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.daemon.messages import Status
-from haptic_driver.daemon.web.records import Column, StateFrame, TickSummary
+from haptic_driver.daemon.messages import Column, StateFrame, Status, TickSummary
 from haptic_driver.processes.samples import SAMPLE
 
 LATENESS_EDGES_S = [0.0, 10e-6, 20e-6, 50e-6, 100e-6, 200e-6, 500e-6, 1e-3, 2e-3, 5e-3]

@@ -14,7 +14,7 @@ from starlette.requests import HTTPConnection
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from haptic_driver.daemon.web.records import ErrorReport
+from haptic_driver.daemon.messages import ErrorReport
 from haptic_driver.errors import HapticError
 
 MOST_BODY_BYTES = 16 * 1024

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import ipaddress
 import secrets
 import socket
 import threading
@@ -15,12 +14,12 @@ from pathlib import Path
 import uvicorn
 from starlette.types import ASGIApp
 
-from haptic_driver.daemon.messages import Control
+from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.private_file import write_private
 from haptic_driver.daemon.web.api import PAGE, create_app
 from haptic_driver.daemon.web.security import TokenGate
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import HapticError
 
 LOOPBACK = "127.0.0.1"
 START_TIMEOUT_S = 20.0
@@ -30,24 +29,22 @@ MOST_MESSAGE_BYTES = 4096  # of a WebSocket client, which has nothing to say
 
 
 @contextmanager
-def serve(
-    control: Control, place: Place, tcp_port: int | None = None, interface: str = LOOPBACK, page: Path | None = None
-) -> Iterator[str | None]:
+def serve(daemon: Daemon, place: Place, tcp_port: int | None = None, page: Path | None = None) -> Iterator[str | None]:
     """Serve in a thread inside the `with` block; gives the page's address with its token, None without TCP.
 
-    At `place` whoever may open the socket may use the API. With `tcp_port` (0: any that is free) it is at `interface`
-    too, for those who know the token, which is also in a file of mode 0600 beside the socket. Raises HapticError when
-    a port cannot be had.
+    At `place` whoever may open the socket may use the API. With `tcp_port` (0: any that is free) it is on loopback too,
+    for those who know the token, which is also in a file of mode 0600 beside the socket. Raises HapticError when a port
+    cannot be had.
     """
-    app = create_app(control, page)
+    app = create_app(daemon, page)
     servers, url, token_file = [(_server(app), place.listener)], None, None
     if tcp_port is not None:
-        listener = _listen(interface, tcp_port)
+        listener = _listen(tcp_port)
         token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
         token_file = place.path.with_name(place.path.name + ".token")
-        gate = TokenGate(app, token, _hosts(interface, port), PAGE + "/")
+        gate = TokenGate(app, token, frozenset({f"{LOOPBACK}:{port}", f"localhost:{port}"}), PAGE + "/")
         servers.append((_server(gate), listener))
-        url = f"http://{_host(interface, port)}{PAGE}/?token={token}"
+        url = f"http://{LOOPBACK}:{port}{PAGE}/?token={token}"
         write_private(token_file, token + "\n")
     try:
         with _running(servers):
@@ -97,28 +94,12 @@ def _server(app: ASGIApp) -> uvicorn.Server:
     )
 
 
-def _listen(interface: str, port: int) -> socket.socket:
-    try:
-        address = ipaddress.ip_address(interface)
-    except ValueError:
-        raise BadInputError("bad_interface", f"{interface!r} is no IP address", "give one, such as 127.0.0.1") from None
-    if address.is_unspecified:
-        raise BadInputError("bad_interface", f"{interface} means all interfaces", "name the one address to listen at")
-    listener = socket.socket(socket.AF_INET6 if address.version == 6 else socket.AF_INET, socket.SOCK_STREAM)
+def _listen(port: int) -> socket.socket:
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind((interface, port))
+        listener.bind((LOOPBACK, port))
     except OSError as error:
         listener.close()
-        raise HapticError("no_port", f"{interface} port {port}: {error.strerror}", "choose another --port") from error
+        raise HapticError("no_port", f"{LOOPBACK} port {port}: {error.strerror}", "choose another --port") from error
     return listener
-
-
-def _host(interface: str, port: int) -> str:
-    return f"[{interface}]:{port}" if ":" in interface else f"{interface}:{port}"
-
-
-def _hosts(interface: str, port: int) -> frozenset[str]:
-    """What a browser's `Host` header says when it means this server."""
-    local = {f"localhost:{port}"} if ipaddress.ip_address(interface).is_loopback else set()
-    return frozenset({_host(interface, port)} | local)

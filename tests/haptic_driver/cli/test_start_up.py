@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from importlib import import_module
 
 import pytest
 
-from haptic_driver.cli.main import COMMANDS, SUMMARIES
+from haptic_driver.cli.main import COMMANDS, GROUPS, build_app, module_of
 
 # By what they are for; each takes from a tenth of a second to one to import.
 NUMBERS = {"numpy", "numba", "scipy.linalg", "scipy.special", "scipy.interpolate", "scipy.stats", "h5py"}
@@ -56,12 +55,9 @@ def test_a_point_is_solved_without_scipy_and_pictures():
 
 
 def test_the_summaries_are_the_first_lines_of_the_commands_own_words():
-    assert list(SUMMARIES) == list(COMMANDS)
-    for name, place in COMMANDS.items():
-        module_name, _, function = place.partition(".")
-        module = import_module(f"haptic_driver.cli.{module_name}")
-        words = getattr(module, function).__doc__ if function else module.app.info.help
-        assert SUMMARIES[name] == words.splitlines()[0], name
+    words = {name: module_of(name).app.info.help for name in GROUPS}
+    words |= {command.name: command.callback.__doc__ for command in build_app().registered_commands}
+    assert {name: said.splitlines()[0] for name, said in words.items()} == COMMANDS
 
 
 def test_a_command_behind_two_dashes_is_imported_and_run(haptic):
@@ -73,5 +69,5 @@ def test_a_command_behind_two_dashes_is_imported_and_run(haptic):
 @pytest.mark.parametrize("name", COMPILING)
 def test_numba_is_there_before_a_command_that_compiles_runs(name):
     """`compiling` looks for it then; a command that imports it later has to enter `compiling` by itself."""
-    code = f"import sys, haptic_driver.cli.{COMMANDS[name].partition('.')[0]}; sys.exit('numba' not in sys.modules)"
+    code = f"import sys, haptic_driver.cli.{name}; sys.exit('numba' not in sys.modules)"
     subprocess.run([sys.executable, "-c", code], timeout=120, check=True)

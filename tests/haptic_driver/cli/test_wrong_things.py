@@ -101,8 +101,8 @@ WRONG = [
     ([*DEMO, "--trace", "slide_lifted.csv"], 2, "bad_slide", "the finger never touches", "positive"),
     # textures
     ([*DEMO, "--texture", "steps"], 2, "not_a_texture", "timed script", "daemon"),
-    (["texture", "preview", "steep.toml"], 2, "bad_texture", "got 'steep'", "cof"),
-    (["texture", "preview", "negative.toml"], 2, "bad_texture", "got -1.0", "cof"),
+    (["texture", "preview", "steep.toml"], 2, "bad_texture", "not 'steep'", "cof"),
+    (["texture", "preview", "negative.toml"], 2, "bad_texture", "not -1.0", "cof"),
     (["texture", "preview", "unknown_kind.toml"], 2, "bad_texture", "'unifrom'", "Did you mean 'uniform'?"),
     (["texture", "preview", "linen", "--out", "linen"], 2, "bad_ending", "linen: is no name of a picture", ".png"),
     # files of the program's own

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -240,7 +241,7 @@ def test_a_finger_that_is_another_than_the_surfaces_is_told_once_per_fifth(daemo
 
 def test_the_command_ends_with_the_output_off_and_a_killed_one_is_replaced(tmp_path):
     path = tmp_path / "run" / "daemon.sock"
-    command = [sys.executable, "-m", "haptic_driver.daemon", "--socket", str(path)]
+    command = [Path(sys.executable).with_name("haptic"), "daemon", "run", "--socket", str(path)]
 
     def start():
         process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)

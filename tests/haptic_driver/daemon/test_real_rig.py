@@ -158,7 +158,7 @@ def test_a_generator_that_goes_is_a_fault_and_one_that_comes_back_renders_again(
     lease = daemon.arm(5.0)
     daemon.set_target(lease.token, RESTING)
     keep_rendering(daemon, lease.token, lambda: served.amplifier.voltage_v > 20.0)
-    server = served._generator_tcp
+    server = served.instruments.generator_server
     server.close()
     until(lambda: daemon.status().state is DaemonState.FAULT)
     assert served.amplifier.voltage_v == 0.0  # by the interlock box
@@ -167,8 +167,8 @@ def test_a_generator_that_goes_is_a_fault_and_one_that_comes_back_renders_again(
     assert status.frequency_hz is None
     assert "generator does not answer, amplifier disabled" in status.fault
     assert refusal(daemon.arm, 1.0).code == "fault"
-    served._generator_tcp = TcpServer(served.generator, server.port)
-    served._generator_tcp.start()
+    served.instruments.generator_server = TcpServer(served.generator, server.port)
+    served.instruments.generator_server.start()
     until(lambda: _reset(daemon))
     lease = daemon.arm(5.0)
     daemon.set_target(lease.token, RESTING)

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -50,7 +51,7 @@ def rig_file(simulated, tmp_path):
 @pytest.fixture
 def daemon(rig_file, tmp_path):
     place = tmp_path / "daemon.sock"
-    command = [sys.executable, "-m", "haptic_driver.daemon", "--rig", str(rig_file), "--socket", str(place)]
+    command = [Path(sys.executable).with_name("haptic"), "daemon", "run", "--rig", rig_file, "--socket", place]
     with subprocess.Popen([*command, "--allow-no-rt"], stderr=subprocess.PIPE, text=True) as process:
         until_ready(process)
         yield process, place

@@ -10,9 +10,10 @@ from haptic_driver.render.finger import FingerSettings
 from haptic_driver.render.texture import Profile, Uniform
 from haptic_driver.render.tick import TickSettings
 from haptic_driver.rig.slide import Slide
+from haptic_driver.signals import SLIDING_M_S
 from haptic_driver.simulation.friction import friction_of
 from haptic_driver.simulation.rig import SimulatedRig
-from haptic_driver.simulation.slide import SLIDING_M_S, render_slide, score
+from haptic_driver.simulation.slide import render_slide, score
 
 SETTLED_S = 0.5  # of sliding, as promised
 WITHIN, OVERSHOOT = 0.05, 0.10

@@ -165,45 +165,42 @@ class TestDescriptions:
     @pytest.mark.parametrize(
         ("text", "words"),
         [
-            ("", "key 'kind' is missing"),
-            ("kind = 3", "kind = '3' is unknown"),
-            ('kind = "uniform"', "key 'cof' is missing"),
-            ('kind = "uniform"\ncof = 0.001', "key 'cof'"),
-            ('kind = "uniform"\ncof = 5.1', "key 'cof'"),
-            ('kind = "uniform"\ncof = nan', "key 'cof'"),
-            ('kind = "uniform"\ncof = inf', "key 'cof'"),
-            ('kind = "uniform"\ncof = "0.6"', "key 'cof'"),
-            ('kind = "uniform"\ncof = 1' + "0" * 400, "key 'cof'"),
-            ('kind = "uniform"\ncof = true', "key 'cof'"),
-            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 0', "key 'period_mm'"),
-            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = -0.1\nperiod_mm = 1', "key 'amplitude_cof'"),
+            ("", "kind is missing"),
+            ("kind = 3", "kind is '3'"),
+            ('kind = "uniform"', "cof is missing"),
+            ('kind = "uniform"\ncof = 0.001', ": cof"),
+            ('kind = "uniform"\ncof = 5.1', ": cof"),
+            ('kind = "uniform"\ncof = nan', ": cof"),
+            ('kind = "uniform"\ncof = inf', ": cof"),
+            ('kind = "uniform"\ncof = "0.6"', ": cof"),
+            ('kind = "uniform"\ncof = 1' + "0" * 400, ": cof"),
+            ('kind = "uniform"\ncof = true', ": cof"),
+            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 0', ": period_mm"),
+            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = -0.1\nperiod_mm = 1', ": amplitude_cof"),
             ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.6\nperiod_mm = 1', "reach 0 to 1.2"),
-            ('kind = "profile"', "key 'file' is missing"),
-            ('kind = "profile"\nfile = ""', "key 'file'"),
-            ('kind = "map"\nfile = "a.png"', "key 'pitch_mm' is missing"),
-            ('kind = "map"\nfile = "a.png"\npitch_mm = 0', "key 'pitch_mm'"),
-            ('kind = "map"\nfile = "a.png"\npitch_mm = inf', "key 'pitch_mm'"),
-            ('kind = "map"\nfile = "a.png"\npitch_mm = [1]', "key 'pitch_mm'"),
-            ('kind = "map"\nfile = "a.png"\npitch_mm = [1, -1]', "key 'pitch_mm'"),
-            ('kind = "map"\nfile = "a.png"\npitch_mm = 1\norigin_mm = [1, nan]', "key 'origin_mm'"),
-            ('kind = "map"\nfile = "a.png"\npitch_mm = 1\norigin_mm = 1', "key 'origin_mm'"),
-            ('kind = "map"\nfile = "a.png"\npitch_mm = 1\noutside = 1', "key 'outside'"),
+            ('kind = "profile"', "file is missing"),
+            ('kind = "profile"\nfile = ""', ": file"),
+            ('kind = "map"\nfile = "a.png"', "pitch_mm is missing"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = 0', ": pitch_mm"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = inf', ": pitch_mm"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = [1]', ": pitch_mm"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = [1, -1]', ": pitch_mm"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = 1\norigin_mm = [1, nan]', ": origin_mm"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = 1\norigin_mm = 1', ": origin_mm"),
+            ('kind = "map"\nfile = "a.png"\npitch_mm = 1\noutside = 1', ": outside"),
             ('kind = "map"\nfile = "a.png"\npitch_mm = 1\ncof_black = 0.5', "cof_black and cof_white go together"),
-            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 0.19', "key 'period_mm'"),
+            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 0.19', ": period_mm"),
             ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 1\nduty = 0.5', "not to a sine"),
             (
                 'kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 1\nwave = "square"\nduty = 0.9',
                 "a part of 0.1 mm",
             ),
-            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 1\nwave = "round"', "key 'wave'"),
+            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 1\nwave = "round"', ": wave"),
             (NOISE + "shortest_mm = 2\nlongest_mm = 1", "do not increase"),
             (NOISE + "shortest_mm = 1\nlongest_mm = 20", "do not increase"),
             (NOISE + "shortest_mm = 0.2\nlongest_mm = 2\ntile_mm = 100", "'tile_mm': at most 34.13"),
-            (NOISE + "shortest_mm = 1\nlongest_mm = 2\nseed = -1", "key 'seed'"),
-            ('kind = "hjif"\nfile = "a.hjif"', "key 'cof_low' is missing"),
-            ("kind = ", "is not TOML"),
-            ("a = " + "[" * 5000, "is not TOML"),
-            ("a = 1" + "0" * 5000, "is not TOML"),
+            (NOISE + "shortest_mm = 1\nlongest_mm = 2\nseed = -1", ": seed"),
+            ('kind = "hjif"\nfile = "a.hjif"', "cof_low is missing"),
         ],
     )
     def test_fault_is_named_with_file_and_key(self, folder, text, words):
@@ -211,6 +208,12 @@ class TestDescriptions:
         assert error.code == "bad_texture"
         assert words in error.message
         assert error.hint
+
+    @pytest.mark.parametrize("text", ["kind = ", "a = " + "[" * 5000, "a = 1" + "0" * 5000])
+    def test_what_is_no_toml_is_refused(self, folder, text):
+        error = refused(folder, text)
+        assert error.code == "bad_toml"
+        assert str(folder / "texture.toml") in error.message
 
     def test_unknown_kind_and_key_get_the_nearest_match(self, folder):
         assert "Did you mean 'uniform'?" in refused(folder, 'kind = "unifrom"\ncof = 0.6').hint

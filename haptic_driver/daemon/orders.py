@@ -1,0 +1,131 @@
+"""Whether there may be output: the state machine, and what each of its moves means to render and to the pump."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.messages import DaemonState, Lease
+from haptic_driver.daemon.output_pump import OutputPump
+from haptic_driver.daemon.set_up import DaemonSettings
+from haptic_driver.daemon.state_machine import StateMachine
+from haptic_driver.processes.samples import Flag
+from haptic_driver.processes.shared_memory import NO_ORDER, Output, SharedState
+from haptic_driver.rig.states import RigEvent, RigState
+
+
+class Orders:
+    """The daemon's state, the order by which render knows it, the pump's gate, and the flags since arming.
+
+    `lock` is of the machine, the order and the flags; it is never held over I/O.
+    """
+
+    def __init__(
+        self, settings: DaemonSettings, shared: SharedState, events: EventLog, clock: Callable[[], float]
+    ) -> None:
+        self.lock = threading.RLock()
+        self.machine = StateMachine()
+        self.order = NO_ORDER
+        self.pump = OutputPump(
+            shared, settings.config.output.setpoint_interval_s, settings.render.period_s, self.fail, clock
+        )
+        self._shared = shared
+        self._events = events
+        self._clock = clock
+        self._armed_at = 0  # the first order of the present arming
+        self._flags = Flag(0)
+
+    @property
+    def rendering(self) -> bool:
+        """Whether there may be voltage."""
+        return self.machine.state is DaemonState.RENDERING
+
+    def beat(self) -> None:
+        """Say that control is alive."""
+        with self.lock:
+            self._order_now()
+
+    def arm(self, lease_s: float) -> Lease:
+        """Idle -> armed, without flags."""
+        with self.lock:
+            lease = self.machine.arm(self._clock(), lease_s)
+            self._flags = Flag(0)
+            self._order_now()
+            self._armed_at = self.order.number
+        return lease
+
+    def renew(self, token: str) -> Lease:
+        """The lease counts from now again."""
+        with self.lock:
+            lease = self.machine.renew(token, self._clock())
+            self._order_now()
+        return lease
+
+    def render(self, token: str, target: int) -> None:
+        """Armed or rendering -> rendering, of the target of that number."""
+        with self.lock:
+            self.machine.render(token, self._clock())
+            self._order_now(target)
+            self.pump.open(self.order.number)
+
+    def withdraw(self, move: Callable[[], object]) -> None:
+        """Off now; then the state says so, and a command that was on its way meanwhile is undone."""
+        self.pump.off()
+        with self.lock:
+            move()
+            self.pump.close()
+            self._order_now()
+        self.pump.undo_late_command()
+
+    def fail(self, reason: str) -> None:
+        """Off, and fault."""
+        if self.machine.state is DaemonState.FAULT:
+            return
+        news = False
+
+        def move() -> None:
+            nonlocal news
+            news = self.machine.fault(reason)
+            self._flags |= Flag.FAULT
+
+        self.withdraw(move)
+        if news:
+            self._events.tell("fault", reason)
+
+    def reset(self) -> None:
+        """Fault -> idle, without flags."""
+        with self.lock:
+            self.machine.reset()
+            self._flags = Flag(0)
+
+    def rig_says(self, event: RigEvent) -> None:
+        """A trip is a flag and an event."""
+        if event.state is RigState.TRIPPED:
+            self._flags |= Flag.TRIPPED  # without the lock: who switches off waits for nobody
+            self._events.tell("trip", event.reason)
+
+    def raise_flag(self, flag: Flag) -> None:
+        """It stays up until the next arming."""
+        with self.lock:
+            self._flags |= flag
+
+    def flags(self, output: Output) -> Flag:
+        """All that are up; render's alone in `flags_of`."""
+        return self._flags | self.flags_of(output)
+
+    def flags_of(self, output: Output) -> Flag:
+        """What render flags, unless it has not heard of the present arming yet."""
+        return Flag(output.flags) if output.order >= self._armed_at else Flag(0)
+
+    def _order_now(self, target: int | None = None) -> None:
+        """Tell render what holds now; a new number when it is something else than before."""
+        order = self.order._replace(
+            arming=self.machine.arming,
+            rendering=self.rendering,
+            target=self.order.target if target is None else target,
+        )
+        if order != self.order:
+            order = order._replace(number=order.number + 1)
+        self.order = order._replace(lease_until_s=self.machine.lease_until_s, beat_s=self._clock())
+        self._shared.order.write(self.order)

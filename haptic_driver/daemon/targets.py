@@ -1,0 +1,74 @@
+"""What is rendered: chosen by name or by friction, and handed over to render."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+
+from haptic_driver.config import texture_dirs
+from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.messages import RefusedError
+from haptic_driver.daemon.orders import Orders
+from haptic_driver.daemon.output_pump import PUMP_PERIOD_S
+from haptic_driver.processes.shared_memory import Output, SharedState
+from haptic_driver.render.texture import Script, Target, Uniform
+from haptic_driver.textures.library import load
+
+TAKE_OVER_S = 0.5  # render takes up a target within a tick; a stalled one never
+
+
+class Targets:
+    """The present target and its name. `choosing` is of whoever hands one over; `orders.lock` guards both."""
+
+    def __init__(self, shared: SharedState, orders: Orders, events: EventLog, clock: Callable[[], float]) -> None:
+        self.choosing = threading.Lock()
+        self.target: Target | None = None
+        self.name: str | None = None
+        self._shared = shared
+        self._orders = orders
+        self._events = events
+        self._clock = clock
+
+    def forget(self) -> None:
+        """None is asked for."""
+        self.target = self.name = None
+
+    def set(self, token: str, cof: float) -> None:
+        """One friction everywhere."""
+        self._hand_over(token, Uniform(cof), None)
+        self._events.tell("target", f"friction {cof:g}", cof=cof)
+
+    def play(self, token: str, texture: str) -> None:
+        """A texture, or a script from its beginning."""
+        target = load(texture, texture_dirs()).target
+        self._hand_over(token, target.started(self._clock()) if isinstance(target, Script) else target, texture)
+        self._events.tell("texture", texture)
+
+    def asked_cof(self, output: Output) -> float | None:
+        """What was asked for, also before render has taken it up; for a texture what it asks under the finger."""
+        if isinstance(self.target, Uniform):
+            return self.target.cof
+        known = output.target == self._orders.order.target and math.isfinite(output.target_cof)
+        return output.target_cof if known else None
+
+    def _hand_over(self, token: str, target: Target, name: str | None) -> None:
+        """Render takes it up between two ticks."""
+        with self.choosing:
+            with self._orders.lock:
+                self._orders.machine.renew(token, self._clock())  # whoever asks is alive
+                number = self._orders.order.target
+            self._await_taken(number)
+            self._shared.targets.write(number + 1, target)
+            with self._orders.lock:
+                self._orders.render(token, number + 1)
+                self.target, self.name = target, name
+
+    def _await_taken(self, number: int) -> None:
+        """Until render uses the target before, since the next one takes the place of the one before that."""
+        until_s = self._clock() + TAKE_OVER_S
+        while self._shared.output.read().target != number:
+            if self._clock() > until_s:
+                raise RefusedError("render_stalls", "render does not take up targets", "look at the status")
+            time.sleep(PUMP_PERIOD_S)

@@ -1,0 +1,121 @@
+"""What clients may ask of the daemon, each said once: the routes of its API and its Python client follow from this."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+
+from pydantic import BaseModel
+
+from haptic_driver.config import Checked
+from haptic_driver.daemon import messages
+from haptic_driver.daemon.messages import Lease, Status
+
+if TYPE_CHECKING:  # a client does not wait for what a daemon imports
+    from haptic_driver.daemon.daemon import Daemon
+
+
+class Empty(Checked):
+    """For what needs no more words."""
+
+
+Asked = TypeVar("Asked", bound=Checked)
+Answer = TypeVar("Answer", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class Verb(Generic[Asked, Answer]):
+    """One request: where it goes, what it says (`asked`: the body of a POST, the query of a GET), what is answered.
+
+    `leased`: the lease's token comes with it, and is the last argument of `do`, which is empty for others.
+    `switches_off`: never waits for a thread that another request holds.
+    """
+
+    name: str
+    method: Literal["GET", "POST"]
+    path: str
+    asked: type[Asked]
+    answer: type[Answer]
+    do: Callable[[Daemon, Asked, str], Answer]
+    said: str
+    leased: bool = False
+    switches_off: bool = False
+
+    def said_json(self, daemon: Daemon, asked: Asked, token: str) -> str:
+        """Ask the daemon; its answer as JSON."""
+        return self.do(daemon, asked, token).model_dump_json()
+
+
+def _samples(daemon: Daemon, asked: messages.SinceTick, token: str) -> messages.SampleColumns:
+    from haptic_driver.daemon.web.frames import sample_columns  # noqa: PLC0415  (numpy)
+
+    return messages.SampleColumns.model_construct(sample_columns(daemon.samples(asked.since, asked.most)))
+
+
+ARM = Verb(
+    "arm", "POST", "/arm", messages.ArmRequest, Lease, lambda daemon, asked, _: daemon.arm(asked.lease_s),
+    "Idle to armed. The lease is to be renewed within `lease_s`, or the output ramps to zero.",
+)  # fmt: skip
+RENEW = Verb(
+    "renew", "POST", "/renew", Empty, Lease, lambda daemon, _, token: daemon.renew(token),
+    "Keep the lease alive.", leased=True,
+)  # fmt: skip
+SET = Verb(
+    "set_target", "POST", "/set", messages.FrictionChoice, Status,
+    lambda daemon, asked, token: daemon.set_target(token, asked.cof),
+    "Ask for one friction everywhere; armed to rendering. Renews the lease.", leased=True,
+)  # fmt: skip
+PLAY = Verb(
+    "play", "POST", "/texture", messages.TextureChoice, Status,
+    lambda daemon, asked, token: daemon.play(token, asked.name),
+    "Ask for a texture; armed to rendering. Renews the lease.", leased=True,
+)  # fmt: skip
+OFF = Verb(
+    "off", "POST", "/off", Empty, Status, lambda daemon, *_: daemon.off(),
+    "Output to zero at once, from anyone, in any state; rendering to armed.", switches_off=True,
+)  # fmt: skip
+DISARM = Verb(
+    "disarm", "POST", "/disarm", Empty, Status, lambda daemon, *_: daemon.disarm(),
+    "Off, and the lease ends; from anyone.", switches_off=True,
+)  # fmt: skip
+RESET = Verb(
+    "reset", "POST", "/reset", Empty, Status, lambda daemon, *_: daemon.reset(),
+    "Acknowledge a fault or trip whose cause is gone; fault to idle.",
+)  # fmt: skip
+USE_MODEL = Verb(
+    "use_model", "POST", "/model", messages.ModelChoice, Status, lambda daemon, asked, _: daemon.use_model(asked.name),
+    "Render by another model, such as one of the finger that is there now; while idle. Takes about a second.",
+)  # fmt: skip
+RECORD = Verb(
+    "record", "POST", "/record", messages.RecordingRequest, Status, lambda daemon, asked, _: daemon.record(asked.path),
+    "Record into a file on the daemon's machine, or stop with null.",
+)  # fmt: skip
+STATUS = Verb("status", "GET", "/status", Empty, Status, lambda daemon, *_: daemon.status(), "The present state.")
+TEXTURES = Verb(
+    "textures", "GET", "/textures", Empty, messages.TextureNames,
+    lambda daemon, *_: messages.TextureNames(textures=daemon.textures()),
+    "Names that `/texture` knows.",
+)  # fmt: skip
+EVENTS = Verb(
+    "events", "GET", "/events", messages.SinceEvent, messages.Events,
+    lambda daemon, asked, _: messages.Events(events=list(daemon.events(asked.since))),
+    "What happened after event `since`, as far back as it is kept.",
+)  # fmt: skip
+SAMPLES = Verb(
+    "samples", "GET", "/samples", messages.SinceTick, messages.SampleColumns, _samples,
+    "Ticks after tick `since`, one list per field, oldest first.",
+)  # fmt: skip
+SURFACE = Verb(
+    "surface", "GET", "/surface", Empty, messages.SurfaceMap,
+    lambda daemon, *_: messages.SurfaceMap(**daemon.surface_map()),
+    "Friction over frequency and voltage.",
+)  # fmt: skip
+TEXTURE = Verb(
+    "texture", "GET", "/texture", Empty, messages.TextureMap,
+    lambda daemon, *_: messages.TextureMap(**daemon.texture_map()),
+    "Friction over the screen, of the texture that plays.",
+)  # fmt: skip
+
+COMMANDS: tuple[Verb[Any, Any], ...] = (ARM, RENEW, SET, PLAY, OFF, DISARM, RESET, USE_MODEL, RECORD)
+VIEWS: tuple[Verb[Any, Any], ...] = (STATUS, TEXTURES, EVENTS, SAMPLES, SURFACE, TEXTURE)

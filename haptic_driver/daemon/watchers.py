@@ -1,0 +1,103 @@
+"""What control looks at every 20 ms while the daemon runs: functions, listed last in the order in which they look."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import inf
+
+from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.orders import Orders
+from haptic_driver.daemon.output_pump import OUTPUT_STALE_S
+from haptic_driver.daemon.render_process import RenderSettings
+from haptic_driver.daemon.targets import Targets
+from haptic_driver.processes.samples import Flag
+from haptic_driver.processes.shared_memory import SharedState
+from haptic_driver.render.texture import Script
+
+UNDERRUN_TOLD_S = 1.0  # at most so often: a machine that is too slow makes many
+DRIFT = 0.2  # a change of the finger's gain, relative, that is worth an event
+NO_FLAGS = Flag(0)
+
+
+@dataclass
+class Watched:
+    """What is looked at, and what was told of it: flags and the finger's gain since `arming`, gaps of an envelope, and
+    the markers of target number `target` up to `marked_s`.
+    """  # fmt: skip
+
+    shared: SharedState
+    orders: Orders
+    targets: Targets
+    events: EventLog
+    render: RenderSettings
+    arming: int = 0
+    flags: Flag = NO_FLAGS
+    gain: float = 1.0
+    underruns: int = 0
+    underrun_s: float = -inf
+    target: int = 0
+    marked_s: float = -inf
+
+
+def lease(watched: Watched, now_s: float) -> None:
+    """After render has ramped down for a lost lease: off, idle."""
+    orders = watched.orders
+    with orders.lock:
+        over = orders.machine.armed and now_s > orders.machine.lease_until_s + watched.render.ramp_s
+    if over:
+        orders.raise_flag(Flag.LEASE_LOST)
+        orders.withdraw(orders.machine.disarm)
+        watched.events.tell("lease", "the lease ran out; output off")
+
+
+def render(watched: Watched, now_s: float) -> None:
+    """New flags are events, once per arming; a render process that misses ticks or falls silent is a fault."""
+    orders, output = watched.orders, watched.shared.output.read()
+    with orders.lock:
+        if watched.arming != orders.machine.arming:
+            watched.arming, watched.flags, watched.gain = orders.machine.arming, NO_FLAGS, 1.0
+        rendering, flags = orders.rendering, orders.flags_of(output)
+        new = flags & ~watched.flags
+        watched.flags |= new
+    for name in new.names():
+        watched.events.tell("flag", name)
+    if rendering and Flag.FAULT in flags:
+        orders.fail(f"render missed {watched.render.most_missed} ticks in a row")
+    if rendering and now_s - output.time_s > OUTPUT_STALE_S:
+        orders.fail(f"render has said nothing for {now_s - output.time_s:.2g} s")
+
+
+def underruns(watched: Watched, now_s: float) -> None:
+    """Gaps of an analog envelope since the last time that some were told."""
+    count = watched.orders.pump.underruns
+    if count > watched.underruns and now_s - watched.underrun_s >= UNDERRUN_TOLD_S:
+        watched.underruns, watched.underrun_s = count, now_s
+        watched.orders.raise_flag(Flag.UNDERRUN)
+        watched.events.tell("flag", "underrun", underruns=count)
+
+
+def script(watched: Watched, now_s: float) -> None:
+    """Markers of a script, when they pass."""
+    orders = watched.orders
+    with orders.lock:
+        rendering, target, number = orders.rendering, watched.targets.target, orders.order.target
+    since_s = watched.marked_s if number == watched.target else -inf
+    watched.target, watched.marked_s = number, now_s
+    if rendering and isinstance(target, Script):
+        for marker in target.markers(since_s, now_s):
+            watched.events.tell("marker", marker.label, due_s=marker.time_s)
+
+
+def drift(watched: Watched, now_s: float) -> None:
+    """The finger's estimated gain, each time that it is far from what was told last, or from 1 at arming."""
+    newest = watched.shared.ring.newest(1)
+    if not watched.orders.rendering or not newest.size or not newest["in_contact"][-1]:
+        return
+    gain = float(newest["feedback_gain"][-1])
+    if abs(gain / watched.gain - 1.0) > DRIFT:
+        watched.gain = gain
+        watched.events.tell("drift", f"the finger's gain is {gain:.2f}", gain=gain)
+
+
+WATCHERS: tuple[Callable[[Watched, float], None], ...] = (lease, render, underruns, script, drift)

@@ -1,0 +1,138 @@
+"""Orders and what is watched beside them, without a rig: off waits for nobody, and everything is told once."""
+
+from __future__ import annotations
+
+import threading
+from types import SimpleNamespace
+
+import pytest
+
+from haptic_driver.daemon import watchers
+from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.messages import DaemonState
+from haptic_driver.daemon.orders import Orders
+from haptic_driver.daemon.set_up import DaemonSettings, render_settings
+from haptic_driver.daemon.targets import Targets
+from haptic_driver.daemon.watchers import UNDERRUN_TOLD_S, WATCHERS, Watched
+from haptic_driver.processes.samples import Flag
+from haptic_driver.processes.shared_memory import NO_OUTPUT
+from haptic_driver.render.texture import Script, Step, Uniform
+from haptic_driver.rig.states import RigEvent, RigState
+from tests.clock import ManualClock
+from tests.waiting import HANG_S, until
+
+LEASE_S = 0.5
+
+
+class Bench:
+    """Everything of control but its processes and devices; `switched_off` counts how often the actuator was told."""
+
+    def __init__(self, shared, config, surface_file):
+        self.shared, self.clock, self.events, self.switched_off = shared, ManualClock(100.0), EventLog(), 0
+        settings = DaemonSettings("simulated", "reference", config, surface_file, render_settings(config, surface_file))
+        clock = lambda: self.clock.now_s  # noqa: E731
+        self.orders = Orders(settings, shared, self.events, clock)
+        rig = SimpleNamespace(state=RigState.OFF)
+        self.orders.pump.actuator = SimpleNamespace(rig=rig, off=self._off)
+        self.targets = Targets(shared, self.orders, self.events, clock)
+        self.watched = Watched(shared, self.orders, self.targets, self.events, settings.render)
+        self.orders.machine.connected()
+
+    def _off(self):
+        self.switched_off += 1
+        return SimpleNamespace(output_on=False)
+
+    def arm(self):
+        return self.orders.arm(LEASE_S).token
+
+    def rendered(self, flags=Flag(0)):  # noqa: B008
+        """Render has said something now."""
+        order = self.orders.order
+        self.shared.output.write(
+            NO_OUTPUT._replace(order=order.number, target=order.target, time_s=self.clock.now_s, flags=int(flags))
+        )
+
+    def watch(self, after_s=0.02):
+        """The events of one look."""
+        before = len(self.events.since(0))
+        self.clock.now_s += after_s
+        for watch in WATCHERS:
+            watch(self.watched, self.clock.now_s)
+        return [(event.kind, event.message) for event in self.events.since(before)]
+
+
+@pytest.fixture
+def bench(shared, rig_config, surface_file):
+    return Bench(shared, rig_config, surface_file)
+
+
+def test_switching_off_waits_for_nobody_who_holds_the_lock(bench):
+    bench.arm()
+    switching = threading.Thread(target=bench.orders.withdraw, args=(bench.orders.machine.disarm,))
+    tripping = threading.Thread(target=bench.orders.rig_says, args=(RigEvent(0.0, RigState.TRIPPED, "over-current"),))
+    with bench.orders.lock:
+        tripping.start()
+        tripping.join(HANG_S)
+        assert not tripping.is_alive()
+        switching.start()
+        until(lambda: bench.switched_off)
+        assert bench.orders.machine.state is DaemonState.ARMED  # what the state says waits
+    switching.join(HANG_S)
+    assert bench.orders.machine.state is DaemonState.IDLE
+    assert ("trip", "over-current") in [(event.kind, event.message) for event in bench.events.since(0)]
+
+
+def test_a_lease_is_over_after_the_ramp_and_not_before(bench):
+    bench.arm()
+    bench.rendered()
+    assert bench.watch(LEASE_S + bench.watched.render.ramp_s - 0.01) == []
+    assert bench.orders.machine.armed
+    assert bench.watch(0.02) == [("lease", "the lease ran out; output off")]
+    assert bench.orders.machine.state is DaemonState.IDLE
+    assert bench.switched_off == 1
+    assert Flag.LEASE_LOST in bench.orders.flags(bench.shared.output.read())
+
+
+def test_a_flag_is_told_once_per_arming(bench):
+    for _ in range(2):
+        bench.arm()
+        bench.rendered(Flag.OVERRUN)
+        assert bench.watch() == [("flag", "overrun")]
+        assert bench.watch() == []
+        bench.orders.withdraw(bench.orders.machine.disarm)
+
+
+def test_what_render_flagged_before_it_heard_of_an_arming_does_not_count(bench):
+    bench.rendered(Flag.OVERRUN)
+    bench.arm()
+    assert bench.watch() == []
+
+
+def test_a_render_process_that_is_silent_while_it_renders_is_a_fault(bench):
+    bench.orders.render(bench.arm(), 1)
+    bench.rendered()
+    assert bench.watch(watchers.OUTPUT_STALE_S - 0.01) == []
+    assert bench.watch(0.02)[0][0] == "fault"
+    assert bench.orders.machine.state is DaemonState.FAULT
+    assert bench.switched_off == 1
+
+
+def test_underruns_are_told_at_most_once_a_second(bench):
+    pump = bench.orders.pump
+    pump.underruns = 1
+    assert bench.watch() == [("flag", "underrun")]
+    pump.underruns = 5
+    assert bench.watch(0.5 * UNDERRUN_TOLD_S) == []
+    assert bench.watch(0.6 * UNDERRUN_TOLD_S) == [("flag", "underrun")]
+    assert bench.watch(2.0 * UNDERRUN_TOLD_S) == []
+
+
+def test_markers_are_told_once_and_again_when_the_script_begins_anew(bench):
+    token = bench.arm()
+    for number in (1, 2):
+        script = Script((Step(0.0, Uniform(0.6), "hold", "begin"), Step(9.0, Uniform(0.6), "hold", "end")))
+        bench.targets.target = script.started(bench.clock.now_s)
+        bench.orders.render(token, number)
+        bench.rendered()
+        assert bench.watch() == [("marker", "begin")]
+        assert bench.watch() == []
