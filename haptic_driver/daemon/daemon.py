@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.event_log import EventLog
-from haptic_driver.daemon.instruments import Instruments
 from haptic_driver.daemon.messages import DaemonState, Lease, RefusedError, Status
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.recordings import Recordings
@@ -41,18 +40,18 @@ MEASURED_SAMPLES = 100
 
 
 class Daemon:
-    """Everything that `Control` promises; starts in `__enter__`, ends with the output off in `close`."""
+    """What a client may ask of a rig, thread-safe; starts in `__enter__`, ends with the output off in `close`."""
 
     def __init__(self, settings: DaemonSettings, clock: Callable[[], float] = time.monotonic) -> None:
         self.settings = settings
         identified = calibration_ids(settings.config)  # may fail, and holds nothing yet
         self._clock = clock
         self.shared = shared = SharedState()
-        self._events = events = EventLog()
+        self.event_log = events = EventLog()
         self._orders = orders = Orders(settings, shared, events, clock)
         self._targets = targets = Targets(shared, orders, events, clock)
         self._recordings = Recordings(shared, events, lambda: self.settings, identified)
-        self._supervisor = Supervisor(settings, shared, orders, events, clock)
+        self.supervisor = Supervisor(settings, shared, orders, events, clock)
         self._watched = Watched(shared, orders, targets, events, settings.render)
         self._ending = threading.Event()
         self._threads: list[threading.Thread] = []
@@ -63,15 +62,15 @@ class Daemon:
         """Start everything; idle when it returns. Raises HapticError and DeviceError, with nothing left running."""
         try:
             self._orders.beat()
-            self._supervisor.start()
+            self.supervisor.start()
             self._start_threads()
-            self._supervisor.await_all()
+            self.supervisor.await_all()
         except BaseException:
             self.close()
             raise
         with self._orders.lock:
             self._orders.machine.connected()
-            self._events.tell("state", "idle: connected, output off")
+            self.event_log.tell("state", "idle: connected, output off")
 
     def close(self) -> bool | None:
         """Switch off and end everything; whether the output is on (None: unknown). Never raises."""
@@ -80,8 +79,8 @@ class Daemon:
         self._ending.set()
         for thread in self._threads:
             thread.join()
-        self._supervisor.end()
-        output_on = self._supervisor.close()
+        self.supervisor.end()
+        output_on = self.supervisor.close()
         self._recordings.end()
         self.shared.close()
         return output_on
@@ -98,21 +97,7 @@ class Daemon:
     @property
     def pids(self) -> dict[str, int]:
         """Process ids by name, for whoever supervises or tests."""
-        return self._supervisor.pids | self._recordings.pids
-
-    @property
-    def endpoints(self) -> dict[str, str]:
-        """Where simulated instruments are; empty for a real rig."""
-        return self._supervisor.endpoints
-
-    @property
-    def instruments(self) -> Instruments | None:
-        """The devices; None while they are being connected."""
-        return self._supervisor.instruments
-
-    def tell(self, kind: str, message: str) -> None:
-        """Add to the events what somebody beside the daemon has to say."""
-        self._events.tell(kind, message)
+        return self.supervisor.pids | self._recordings.pids
 
     def _start_threads(self) -> None:
         pump = self._orders.pump
@@ -129,7 +114,7 @@ class Daemon:
                 for watch in WATCHERS:
                     watch(self._watched, now_s)
                 self._recordings.watch()
-                self._supervisor.watch(now_s)
+                self.supervisor.watch(now_s)
             except (HapticError, DeviceError) as error:
                 self._orders.fail(error.message)
             ending.wait(WATCH_PERIOD_S)
@@ -160,7 +145,7 @@ class Daemon:
                 fault=machine.fault_reason,
                 lease_left_s=max(machine.lease_until_s - now_s, 0.0) if machine.armed else None,
                 actuator=actuator_name(settings.config),
-                real_time=self._supervisor.real_time,
+                real_time=self.supervisor.real_time,
                 latency_budget_s=settings.latency_budget_s,
                 surface_hash=settings.surface.content_hash,
                 recording=str(recording) if recording is not None else None,
@@ -169,10 +154,10 @@ class Daemon:
     def arm(self, lease_s: float) -> Lease:
         """Idle -> armed."""
         with self._orders.lock:
-            self._supervisor.refuse_unless_ready(self.settings, self._orders.machine.state)
+            self.supervisor.refuse_unless_ready(self.settings, self._orders.machine.state)
             lease = self._orders.arm(lease_s)
             self._targets.forget()
-            self._events.tell("state", f"armed, lease {lease_s:g} s")
+            self.event_log.tell("state", f"armed, lease {lease_s:g} s")
         return lease
 
     def renew(self, token: str) -> Lease:
@@ -192,18 +177,18 @@ class Daemon:
     def off(self) -> Status:
         """Output to zero at once."""
         self._orders.withdraw(self._orders.machine.off)
-        self._events.tell("state", f"off; the daemon is {self._orders.machine.state}")
+        self.event_log.tell("state", f"off; the daemon is {self._orders.machine.state}")
         return self.status()
 
     def disarm(self) -> Status:
         """Off, and the lease is gone."""
         self._orders.withdraw(self._orders.machine.disarm)
-        self._events.tell("state", f"disarmed; the daemon is {self._orders.machine.state}")
+        self.event_log.tell("state", f"disarmed; the daemon is {self._orders.machine.state}")
         return self.status()
 
     def reset(self) -> Status:
         """Acknowledge a fault or trip whose cause is gone."""
-        orders, supervisor = self._orders, self._supervisor
+        orders, supervisor = self._orders, self.supervisor
         if orders.machine.state is not DaemonState.FAULT:
             raise RefusedError("no_fault", f"the daemon is {orders.machine.state}, not in fault", "nothing to reset")
         instruments = supervisor.instruments
@@ -215,7 +200,7 @@ class Daemon:
             raise RefusedError("not_off", "the output cannot be shown to be off", "switch the amplifier off by hand")
         with orders.lock:
             orders.reset()
-            self._events.tell("state", "fault acknowledged; idle")
+            self.event_log.tell("state", "fault acknowledged; idle")
         return self.status()
 
     def use_model(self, name: str) -> Status:
@@ -228,10 +213,10 @@ class Daemon:
                     raise RefusedError("not_idle", f"the daemon is {state}", "disarm, or reset, first")
                 if self._recordings.path is not None:
                     raise RefusedError("recording", "a run keeps its surface", "stop the recording first")
-                self._supervisor.claim_render()
+                self.supervisor.claim_render()
                 self.settings = settings
-            self._supervisor.render_anew(settings)
-        self._events.tell("model", name, surface_hash=settings.surface.content_hash)
+            self.supervisor.render_anew(settings)
+        self.event_log.tell("model", name, surface_hash=settings.surface.content_hash)
         return self.status()
 
     def record(self, path: str | None) -> Status:
@@ -253,7 +238,7 @@ class Daemon:
 
     def events(self, since: int) -> Sequence[Event]:
         """Events above `since`."""
-        return self._events.since(since)
+        return self.event_log.since(since)
 
     def surface_map(self) -> dict[str, Any]:
         """Friction over frequency and voltage at the usual load."""

@@ -7,6 +7,7 @@ import signal
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 from haptic_driver.daemon.daemon import Daemon
@@ -70,8 +71,8 @@ def _serve_until(
             page = running.enter_context(serve(daemon, place, tcp_port, page=page_folder))
             running.enter_context(as_service(lambda: daemon.status().ticks))
             if outlets:
-                told = feeding(outlets, daemon.shared.ring, daemon.events, lambda why: daemon.tell("outlet", why))
-                running.enter_context(told)
+                failed = partial(daemon.event_log.tell, "outlet")
+                running.enter_context(feeding(outlets, daemon.shared.ring, daemon.events, failed))
             _log.info("ready at %s; processes %s", place.path, daemon.pids)
             announce(place.path, page)
             ended.wait()

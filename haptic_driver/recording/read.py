@@ -1,9 +1,9 @@
 """Recordings of the daemon: HDF5, readable from MATLAB, one group per run; reading them, and export to CSV and Parquet.
 
 `/run_0001`, `/run_0002`, ... each hold
-- `samples/NAME`: one dataset per field of `daemon.samples.SAMPLE`, one entry per tick; units are in the names, and
+- `samples/NAME`: one dataset per field of `processes.samples.SAMPLE`, one entry per tick; units are in the names, and
   positions are there raw (`position_x_m`) and extrapolated to output time (`output_x_m`);
-- `events/NAME`: one dataset per field of `daemon.records.Event`, `data` as JSON;
+- `events/NAME`: one dataset per field of `recording.event.Event`, `data` as JSON;
 - `config`: the rig's full resolved configuration, JSON;
 - attributes, all strings or floats (MATLAB's h5readatt fails on integers): `rig`, `model`, `simulated` (1 or 0),
   `surface_hash`, `calibration_ids` (JSON), `software_version`, `actuator`, `latency_budget_s` (JSON), `started_at`

@@ -1,4 +1,4 @@
-"""A `Control` in memory for tests of the API and its clients: the daemon's own state machine, a clock, no rig; no test.
+"""What the API asks of a daemon, in memory: the daemon's own state machine, a clock, no rig; not a test.
 
 `calls` lists every call that asked for a change, also those that were refused.
 """

@@ -184,7 +184,7 @@ def test_a_trip_of_the_amplifier_is_a_fault_until_it_is_reset(daemon, electrode_
     lease = daemon.arm(2.0)
     daemon.set_target(lease.token, 0.65)
     keep_rendering(daemon, lease.token, lambda: electrode_v() > 10.0)
-    lines = Lines(TcpTransport.from_resource(daemon.endpoints["amplifier_lines"]))
+    lines = Lines(TcpTransport.from_resource(daemon.supervisor.endpoints["amplifier_lines"]))
     lines.write(False)  # somebody presses the E-stop
     lines.close()
     until(lambda: daemon.status().state is DaemonState.FAULT)
@@ -223,7 +223,7 @@ def test_markers_of_a_script_are_told_when_they_pass(daemon, tmp_path):
 
 
 def test_a_finger_that_is_another_than_the_surfaces_is_told_once_per_fifth(daemon):
-    lines = Lines(TcpTransport.from_resource(daemon.endpoints["amplifier_lines"]))
+    lines = Lines(TcpTransport.from_resource(daemon.supervisor.endpoints["amplifier_lines"]))
     lines.set_gain(1.6)
     try:
         new = since(daemon)

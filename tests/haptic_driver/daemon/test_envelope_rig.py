@@ -84,9 +84,9 @@ def test_instruments_that_die_are_a_fault_and_come_back_with_their_envelope(daem
 def test_an_envelope_that_runs_dry_is_counted_flagged_and_told(daemon):
     lease = daemon.arm(5.0)
     daemon.set_target(lease.token, 0.66)
-    keep_rendering(daemon, lease.token, lambda: daemon.instruments.devices.analog_output.buffered_s > 0.0)
+    keep_rendering(daemon, lease.token, lambda: daemon.supervisor.instruments.devices.analog_output.buffered_s > 0.0)
     before, last = daemon.status().underruns, daemon.events(0)[-1].number
-    with daemon.instruments.devices.analog_output._exclusive():  # nobody can write to it meanwhile
+    with daemon.supervisor.instruments.devices.analog_output._exclusive():  # nobody can write to it meanwhile
         time.sleep(0.05)
 
     def told():

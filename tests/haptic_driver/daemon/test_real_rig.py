@@ -48,7 +48,7 @@ def running(settings, served):
     """In the end it is closed while it renders, and knows that the output is off."""
     daemon = Daemon(settings)
     daemon.start()
-    daemon.instruments.devices.stage.home()  # the finger's place is known from here on, and it presses
+    daemon.supervisor.instruments.devices.stage.home()  # the finger's place is known from here on, and it presses
     until(lambda: daemon.shared.sensed.read().touching)
     yield daemon
     lease = daemon.arm(5.0)
@@ -147,10 +147,10 @@ def test_what_nobody_vouches_for_is_listed_and_keeps_the_rig_from_being_armed(da
 
 
 def test_without_real_time_scheduling_it_is_not_armed(daemon, monkeypatch):
-    monkeypatch.setattr(daemon._supervisor, "real_time", False)
+    monkeypatch.setattr(daemon.supervisor, "real_time", False)
     monkeypatch.setattr(daemon, "settings", replace(daemon.settings, allow_no_rt=False))
     assert refusal(daemon.arm, 1.0).code == "no_real_time"
-    monkeypatch.setattr(daemon._supervisor, "real_time", True)
+    monkeypatch.setattr(daemon.supervisor, "real_time", True)
     assert daemon.arm(1.0).lease_s == 1.0
 
 
@@ -185,17 +185,17 @@ def _reset(daemon):
 
 
 def test_sensors_that_fall_silent_are_connected_anew(daemon, served):
-    before = daemon.instruments
+    before = daemon.supervisor.instruments
     served.instruments.force_box.inject(RdtFault.SILENCE, count=math.inf)
     until(lambda: daemon.status().state is DaemonState.FAULT)
     assert "sent no usable record" in daemon.status().fault
-    until(lambda: daemon.instruments is None)
+    until(lambda: daemon.supervisor.instruments is None)
     assert daemon.status().output_on is None  # nobody to ask
     assert refusal(daemon.reset).code == "cause_remains"
     served.instruments.force_box.heal()
-    until(lambda: daemon.instruments is not None)
+    until(lambda: daemon.supervisor.instruments is not None)
     until(lambda: _reset(daemon))
-    assert daemon.instruments is not before
+    assert daemon.supervisor.instruments is not before
     assert daemon.status().output_on is False
     assert any("reset to go on" in event.message for event in daemon.events(0))
     daemon.arm(1.0)
@@ -203,7 +203,7 @@ def test_sensors_that_fall_silent_are_connected_anew(daemon, served):
 
 def test_a_watchdog_that_dies_is_started_again(daemon):
     before = daemon.pids["watchdog"]
-    daemon.instruments.devices.watchdog._process.kill()
+    daemon.supervisor.instruments.devices.watchdog._process.kill()
     until(lambda: daemon.status().state is DaemonState.FAULT)
     until(lambda: _reset(daemon))
     assert daemon.pids["watchdog"] != before
