@@ -26,6 +26,12 @@ class Checked(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+class Section(Checked):
+    """Base of what stands in files: and nothing of the wrong type."""
+
+    model_config = ConfigDict(strict=True)
+
+
 def config_dirs() -> list[Path]:
     """Folders searched for `rigs/`, `models/`, `textures/`: `HAPTIC_CONFIGS`, `./configs`, the program's own.
 

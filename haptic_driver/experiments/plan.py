@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
+from pydantic import BeforeValidator, Field, FiniteFloat
 
-from haptic_driver.config import find_config, parse, read_toml
+from haptic_driver.config import Section, find_config, parse, read_toml
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import not_written, replacing
 from model.conditions import UNDRIVEN_HZ
@@ -32,11 +32,7 @@ Loads = Annotated[list[Annotated[FiniteFloat, Field(ge=0.01, le=20.0)]], *_SOME]
 Speeds = Annotated[list[Annotated[FiniteFloat, Field(ge=1e-4, le=1.0)]], *_SOME]
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-
-class _Block(_Section):
+class _Block(Section):
     """Levels whose every combination is measured."""
 
     frequency_hz: Frequencies
@@ -45,7 +41,7 @@ class _Block(_Section):
     speed_m_s: Speeds
 
 
-class PlanFile(_Section):
+class PlanFile(Section):
     """A plan as its file says; each of `points` is a block, with the lists of the file for what it does not say."""
 
     name: str
@@ -54,7 +50,7 @@ class PlanFile(_Section):
     voltage_v: Voltages | None = None
     normal_force_n: Loads | None = None
     speed_m_s: Speeds | None = None
-    points: Annotated[list[dict[str, Any]], Field(min_length=1)] = [{}]
+    points: Annotated[list[dict[str, Any]], Field(min_length=1)] = [{}]  # noqa: RUF012 - pydantic copies it
     repeats: Annotated[int, Field(ge=1, le=1000)] = 1
     sessions: Annotated[int, Field(ge=1, le=1000)] = 1
     randomise: bool = True

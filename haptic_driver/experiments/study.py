@@ -23,9 +23,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import Field, FiniteFloat
 
-from haptic_driver.config import find_config, parse, read_toml
+from haptic_driver.config import Checked, find_config, parse, read_toml
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.files import replacing
 from haptic_driver.limits import OperatingLimits
@@ -51,11 +51,7 @@ NUMBERS = ("cof", "electrostatic_force_n", "current_rms_a", "reachable_low", "re
 PERCENTILES = (5, 25, 50, 75, 95)
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class _Grid(_Section):
+class _Grid(Checked):
     """Points of each finger's surface."""
 
     frequency_count: Annotated[int, Field(ge=4, le=400)] = 61
@@ -63,7 +59,7 @@ class _Grid(_Section):
     normal_force_count: Annotated[int, Field(ge=4, le=40)] = 5
 
 
-class _At(_Section):
+class _At(Checked):
     """The condition at which every finger is compared."""
 
     frequency_hz: Annotated[FiniteFloat, Field(ge=1.0, le=1e6)] = 250.0
@@ -71,7 +67,7 @@ class _At(_Section):
     normal_force_n: Annotated[FiniteFloat, Field(ge=0.1, le=2.0)] = 0.5
 
 
-class StudyPlan(_Section):
+class StudyPlan(Checked):
     """A study as its file says.
 
     `spread`: standard deviation of the logarithm of each number that differs between fingers, around the model's own;
@@ -85,7 +81,7 @@ class StudyPlan(_Section):
     fingers: Annotated[int, Field(ge=1)]
     seed: Annotated[int, Field(ge=0)] = 1
     spread: dict[str, Annotated[FiniteFloat, Field(ge=0.0, le=2.0)]] = BETWEEN_FINGERS
-    levels: dict[str, Annotated[list[FiniteFloat], Field(min_length=1)]] = {}
+    levels: dict[str, Annotated[list[FiniteFloat], Field(min_length=1)]] = {}  # noqa: RUF012 - pydantic copies it
     surface: _Grid = _Grid()
     at: _At = _At()
     keep_surfaces: bool = False
