@@ -9,9 +9,10 @@ from math import isfinite
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.shared_memory import Sensed
 from haptic_driver.rig.actuator import make_actuator
-from haptic_driver.rig.config import RigConfig, SimulatedAnalogOutputConfig
-from haptic_driver.rig.devices import Devices, connect_devices, output_settings
-from haptic_driver.rig.rig import RigEvent, build_rig
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.devices import Devices, build_rig, connect_devices
+from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
+from haptic_driver.rig.rig import RigEvent
 from haptic_driver.simulation.lines import SCALE, SCREEN, Lines
 from hw.analog.served_output import ServedAnalogOutput
 from hw.errors import DeviceDisconnected
@@ -102,7 +103,7 @@ def connect_simulated(
     output = None
     if isinstance(config.analog_output, SimulatedAnalogOutputConfig):
         output = ServedAnalogOutput(
-            TcpTransport.from_resource(endpoints["analog_output"]), output_settings(config.analog_output)
+            TcpTransport.from_resource(endpoints["analog_output"]), config.analog_output.settings()
         )
     rig = build_rig(
         config, transport, force_sensor, lines, lines,

@@ -26,7 +26,8 @@ from typing import Self
 
 from haptic_driver.processes.real_time import Metronome
 from haptic_driver.render.compiled import compilation_said
-from haptic_driver.rig.config import RigConfig, SimulatedAnalogOutputConfig, load_rig
+from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
 from haptic_driver.rig.slide import Slide, synthetic_slide
 from haptic_driver.simulation.lines import PANEL, SCALE, LinesServer
 from haptic_driver.simulation.rig import simulated_amplifier, simulated_generator, surface_friction, with_hidden
@@ -37,7 +38,7 @@ from hw.analog.simulated_output import SimulatedCard
 from hw.finger.plant import FingerPlant
 from hw.finger.simulated_touch_screen import SimulatedTouchScreen
 from hw.force.net_ft_server import NetFtServer
-from hw.generator.agilent_33220a.simulator import TerminalOutput
+from hw.generator.contract import TerminalOutput
 from hw.serving.tcp import TcpServer
 from model.description import ModelDescription
 from model.touch_model import TouchModel

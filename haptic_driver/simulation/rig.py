@@ -19,13 +19,13 @@ from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.correction import factors_at
 from haptic_driver.render.surface import cof_at
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.rig import build_rig
+from haptic_driver.rig.devices import build_rig
 from haptic_driver.signals import FingerState
 from haptic_driver.surface.file import SurfaceFile, ready_for_lookup
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.finger.plant import FingerPlant
 from hw.force.simulated import SimulatedForceSensor
-from hw.generator.agilent_33220a.simulator import GeneratorLatency, Simulated33220A, TerminalOutput
+from hw.generator.contract import GeneratorLatency, Listener, SimulatedGenerator, generator_kind
 from hw.serving.tcp import TcpServer
 from hw.testing.memory import Responder
 from hw.transport.contract import Transport
@@ -124,13 +124,14 @@ def simulated_amplifier(config: RigConfig, interlock: Callable[[], bool] = lambd
 
 
 def simulated_generator(
-    config: RigConfig, amplifier: SimulatedAmplifier, listener: Callable[[TerminalOutput], object] | None = None
-) -> Simulated33220A:
+    config: RigConfig, amplifier: SimulatedAmplifier, listener: Listener | None = None
+) -> SimulatedGenerator:
     """The generator that drives it; amplifier, or `listener`, sees also what it does between steps."""
     simulation, modulation = config.simulation, config.waveform_generator.modulation_input
     latency = GeneratorLatency(amplitude_s=simulation.amplitude_latency_s, frequency_s=simulation.frequency_latency_s)
     highest = 1.0 if modulation is None else modulation.amplitude_at_full_scale
-    return Simulated33220A(latency, listener=listener or amplifier.drive, am_full_scale=highest)
+    kind = generator_kind(config.waveform_generator.model)
+    return kind.simulator(latency, listener=listener or amplifier.drive, am_full_scale=highest)
 
 
 def friction_of(model: TouchModel) -> FrictionLaw:

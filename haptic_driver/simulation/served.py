@@ -16,14 +16,9 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
-from haptic_driver.rig.config import (
-    InterlockBox,
-    NetFtForceSensorConfig,
-    RigConfig,
-    StageConfig,
-    StageFingerConfig,
-    WatchdogConfig,
-)
+from haptic_driver.rig.config import InterlockBox, RigConfig, StageConfig, WatchdogConfig
+from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
+from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig
 from haptic_driver.simulation.rig import friction_of, simulated_amplifier, simulated_generator, with_hidden
 from hw.finger.plant import FingerPlant
 from hw.force.net_ft_server import NetFtServer

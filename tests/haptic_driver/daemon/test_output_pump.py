@@ -14,8 +14,10 @@ from haptic_driver.processes.real_time import Due
 from haptic_driver.processes.shared_memory import NO_ORDER, Sensed, SharedState
 from haptic_driver.render.texture import Grating, Uniform
 from haptic_driver.rig.actuator import make_actuator
-from haptic_driver.rig.config import NoAnalogOutput, load_rig
-from haptic_driver.rig.rig import RigState, build_rig
+from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.devices import build_rig
+from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
+from haptic_driver.rig.rig import RigState
 from haptic_driver.simulation.rig import simulated_amplifier, simulated_generator, surface_friction
 from hw.analog.output import AnalogOutputSettings
 from hw.analog.simulated_output import SimulatedAnalogOutput

@@ -13,7 +13,9 @@ from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings, latency_budget_s, render_settings
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig import devices as devices_module
-from haptic_driver.rig.config import NiAnalogOutputConfig, NoFingerTracker, WatchdogConfig, load_rig
+from haptic_driver.rig.config import WatchdogConfig, load_rig
+from haptic_driver.rig.parts.analog_outputs import NiAnalogOutputConfig
+from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.simulation.served import as_real
 from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.force.net_ft_server import RdtFault

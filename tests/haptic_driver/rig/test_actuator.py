@@ -6,7 +6,7 @@ import pytest
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.actuator import EnvelopeActuator, SetpointActuator, actuator_name, make_actuator
 from haptic_driver.rig.config import load_rig
-from haptic_driver.rig.rig import build_rig
+from haptic_driver.rig.devices import build_rig
 from haptic_driver.signals import NO_COMMAND, NO_COURSE, Course, DriveCommand
 from haptic_driver.simulation.rig import SimulatedRig, simulated_amplifier, simulated_generator
 from hw.analog.output import AnalogOutputSettings

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.rig.config import NiForceSensorConfig, load_rig
+from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.parts.force_sensors import NiForceSensorConfig
 from tests.haptic_driver.config_texts import CONFIGS, SIMULATED, changed
 
 RIGS = CONFIGS / "rigs"

@@ -8,7 +8,8 @@ import pytest
 
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.rig import OffEvidence, RigState, SafetySettings, build_rig
+from haptic_driver.rig.devices import build_rig
+from haptic_driver.rig.rig import OffEvidence, RigState, SafetySettings
 from haptic_driver.signals import DriveCommand
 from hw.amplifier.analog import AmplifierState
 from hw.amplifier.simulated import SimulatedAmplifier

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.config import load_rig
-from haptic_driver.rig.rig import RigState, build_rig
+from haptic_driver.rig.devices import build_rig
+from haptic_driver.rig.rig import RigState
 from haptic_driver.signals import DriveCommand
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.errors import DeviceDisconnected, DeviceTimeout

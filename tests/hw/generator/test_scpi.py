@@ -1,10 +1,9 @@
 from __future__ import annotations
 
 import pytest
+from hw.generator.scpi import ScpiEngine, ScpiError, only, parse_block, parse_boolean, parse_choice, parse_number
 from hypothesis import given
 from hypothesis import strategies as st
-
-from hw.generator.scpi import ScpiEngine, ScpiError, only, parse_block, parse_boolean, parse_choice, parse_number
 
 
 class Lamp:

@@ -7,10 +7,10 @@ from contextlib import ExitStack
 
 import numpy as np
 import pytest
+from hw.generator.arbitrary_waveform import ArbitraryWaveform
 
 from hw.generator.agilent_33220a.driver import Agilent33220A, GeneratorSettings, LimitExceeded
 from hw.generator.agilent_33220a.simulator import Simulated33220A
-from hw.generator.arbitrary_waveform import ArbitraryWaveform
 from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
 from hw.testing.memory import MemoryTransport

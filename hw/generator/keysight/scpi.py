@@ -7,11 +7,9 @@ import math
 import re
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-
-from hw.serving.framing import MessageFramer
 
 Write = Callable[[list[str]], None]
 Query = Callable[[list[str]], str]
@@ -27,25 +25,16 @@ _TEXTS = {
     -113: "Undefined header",
     -123: "Exponent too large",
     -131: "Invalid suffix",
-    -161: "Invalid block data",
-    -211: "Trigger ignored",
     -221: "Settings conflict",
     -222: "Data out of range; value clipped",
     -224: "Illegal parameter value",
     -350: "Queue overflow",
     720: "Output overload",
-    780: "Nonexistent arb waveform",
-    781: "Not able to delete a built-in or selected arb waveform",
-    782: "Bad arb waveform name",
-    785: "Not enough memory",
-    810: "State has not been stored",
 }
 # Bits of the standard event status register (IEEE 488.2, 11.5.1).
 _POWER_ON, _COMMAND, _EXECUTION, _DEVICE, _QUERY, _COMPLETE = 128, 32, 16, 8, 4, 1
 
 _FIELD = {mark: re.compile(rf'(?:[^{mark}"]|"[^"]*")+') for mark in ";,"}
-_BLOCK = re.compile(rb"#([1-9])")
-_HIDDEN_BLOCK = "\ue000"  # stands for a block while a message is taken apart; no byte decodes to it
 _UNIT = re.compile(
     r"(?P<root>:?)(?P<header>\*?[A-Za-z][A-Za-z0-9_:]*)(?P<query>\??)(?:\s+(?P<arguments>.*))?", re.DOTALL
 )
@@ -71,46 +60,29 @@ class _Node:
 class ScpiEngine:
     """Parses messages, walks the command tree, keeps errors and status; the instrument supplies handlers.
 
-    `reset` is called for `*RST`, `trigger` for `*TRG`, `executed` after every single command. Command errors
-    (-1xx) end the message they occur in; execution errors do not. Thread-safe: one message at a time, under
-    `lock`, which the instrument shares.
+    `reset` is called for `*RST`, `executed` after every single command. Command errors (-1xx) end the message they
+    occur in; execution errors do not. Thread-safe: one message at a time, under `lock`, which the instrument shares.
     """
 
-    def __init__(
-        self, identity: str, *, reset: Callable[[], None], trigger: Callable[[], None], executed: Callable[[], None]
-    ) -> None:
+    def __init__(self, identity: str, *, reset: Callable[[], None], executed: Callable[[], None]) -> None:
         self.lock = threading.RLock()
         self._executed = executed
         self._root = _Node()
         self._errors: deque[int] = deque()
         self._event_status = _POWER_ON
-        self._event_enable = 0
-        self._service_enable = 0
-        self._questionable = self._questionable_event = self._questionable_enable = 0
         self._common: dict[str, _Node] = {
             "*IDN": _Node(query=lambda _: identity),
             "*OPT": _Node(query=lambda _: "0"),
             "*CLS": _Node(write=lambda _: self._clear_status()),
             "*RST": _Node(write=lambda _: reset()),
-            "*TRG": _Node(write=lambda _: trigger()),
             "*WAI": _Node(write=lambda _: None),
             "*OPC": _Node(write=lambda _: self._set_event(_COMPLETE), query=lambda _: "1"),
             "*ESR": _Node(query=lambda _: self._take_event_status()),
-            "*ESE": _Node(write=self._set_event_enable, query=lambda _: str(self._event_enable)),
-            "*SRE": _Node(write=self._set_service_enable, query=lambda _: str(self._service_enable)),
-            "*STB": _Node(query=lambda _: str(self._status_byte())),
+            "*STB": _Node(query=lambda _: "4" if self._errors else "0"),
             "*TST": _Node(query=lambda _: "0"),
-            "*PSC": _Node(write=self._set_power_on_clear, query=lambda _: f"{self._power_on_clear:d}"),
         }
-        self._power_on_clear = True
         self.command("SYSTem:ERRor[:NEXT]", query=lambda _: self._next_error())
         self.command("SYSTem:VERSion", query=lambda _: "1999.0")
-        self.command("STATus:QUEStionable:CONDition", query=lambda _: str(self._questionable))
-        self.command("STATus:QUEStionable[:EVENt]", query=lambda _: self._take_questionable_event())
-        self.command(
-            "STATus:QUEStionable:ENABle", self._set_questionable_enable, lambda _: str(self._questionable_enable)
-        )
-        self.command("STATus:PRESet", lambda _: self._set_questionable_enable(["0"]))
 
     def command(self, pattern: str, write: Write | None = None, query: Query | None = None) -> None:
         """Add a command in manual notation (`FREQuency`: upper case is the short form, `[:STATe]` may be left out)."""
@@ -122,17 +94,10 @@ class ScpiEngine:
                 node = child
             node.write, node.query = write, query
 
-    def common(self, header: str, write: Write | None = None, query: Query | None = None) -> None:
-        """Add a command of IEEE 488.2, such as `*SAV`."""
-        self._common[header] = _Node(write=write, query=query)
-
     def handle(self, data: bytes) -> bytes:
         r"""Carry out messages (ended by `\n`, `\r\n` or `data`) and return one line of answers for each that asks."""
-        messages = list(MessageFramer().feed(data + b"\n"))
         with self.lock:
-            answers = [self._message(message) for message in messages]
-            if sum(map(len, messages)) <= len(data):  # what is left is a block that was cut short
-                self.post(-161)
+            answers = [self._message(message.decode("latin-1")) for message in data.split(b"\n")]
         return "".join(f"{answer}\n" for answer in answers if answer is not None).encode("latin-1")
 
     def post(self, code: int) -> None:
@@ -144,20 +109,14 @@ class ScpiEngine:
             self._errors[-1] = -350
             self._set_event(_DEVICE)
 
-    def set_questionable(self, bits: int) -> None:
-        """Set the questionable condition register; bits that rise are kept in the event register."""
-        self._questionable_event |= bits & ~self._questionable
-        self._questionable = bits
-
-    def _message(self, message: bytes) -> str | None:
+    def _message(self, message: str) -> str | None:
         answers: list[str] = []
         subsystem = self._root
-        text, blocks = _hide_blocks(message)
-        for unit in _fields(text, ";"):
+        for unit in _fields(message, ";"):
             if not unit.strip():
                 continue
             try:
-                subsystem, answer = self._execute(unit.strip(), subsystem, blocks)
+                subsystem, answer = self._execute(unit.strip(), subsystem)
             except ScpiError as error:
                 self.post(error.code)
                 if error.code > -200:
@@ -168,7 +127,7 @@ class ScpiEngine:
                 self._executed()
         return ";".join(answers) if answers else None
 
-    def _execute(self, unit: str, subsystem: _Node, blocks: Iterator[str]) -> tuple[_Node, str | None]:
+    def _execute(self, unit: str, subsystem: _Node) -> tuple[_Node, str | None]:
         """Carry out one command; return the subsystem in which the next header is looked up, and the answer."""
         match = _UNIT.fullmatch(unit)
         if match is None:
@@ -179,8 +138,6 @@ class ScpiEngine:
         else:
             subsystem, node = _find(self._root if match["root"] else subsystem, header.split(":"))
         arguments = [argument.strip() for argument in _fields(match["arguments"] or "", ",")]
-        if _HIDDEN_BLOCK in unit:
-            arguments = [next(blocks) if argument == _HIDDEN_BLOCK else argument for argument in arguments]
         if node is not None and match["query"] and node.query is not None:
             return subsystem, node.query(arguments)
         if node is not None and not match["query"] and node.write is not None:
@@ -194,7 +151,7 @@ class ScpiEngine:
 
     def _clear_status(self) -> None:
         self._errors.clear()
-        self._event_status = self._questionable_event = 0
+        self._event_status = 0
 
     def _set_event(self, bit: int) -> None:
         self._event_status |= bit
@@ -202,37 +159,6 @@ class ScpiEngine:
     def _take_event_status(self) -> str:
         status, self._event_status = self._event_status, 0
         return str(status)
-
-    def _set_event_enable(self, arguments: list[str]) -> None:
-        self._event_enable = int(parse_number(only(arguments))) & 255
-
-    def _set_service_enable(self, arguments: list[str]) -> None:
-        self._service_enable = int(parse_number(only(arguments))) & 255 & ~64
-
-    def _set_power_on_clear(self, arguments: list[str]) -> None:
-        self._power_on_clear = parse_boolean(only(arguments))
-
-    def _set_questionable_enable(self, arguments: list[str]) -> None:
-        self._questionable_enable = int(parse_number(only(arguments))) & 0x7FFF
-
-    def _take_questionable_event(self) -> str:
-        event, self._questionable_event = self._questionable_event, 0
-        return str(event)
-
-    def _status_byte(self) -> int:
-        status = (4 if self._errors else 0) | (32 if self._event_status & self._event_enable else 0)
-        status |= 8 if self._questionable_event & self._questionable_enable else 0
-        return status | (64 if status & self._service_enable else 0)
-
-
-def parse_block(argument: str) -> bytes | None:
-    """Return the data of a definite-length block, or None for another argument; raises ScpiError -161 if cut short."""
-    data = argument.encode("latin-1")
-    if not _BLOCK.match(data):
-        return None
-    if _block_end(data, 0) != len(data):
-        raise ScpiError(-161)
-    return data[2 + int(data[1:2]) :]
 
 
 @lru_cache(maxsize=1024)
@@ -303,31 +229,6 @@ def _find(node: _Node, keywords: list[str]) -> tuple[_Node, _Node | None]:
             break
         node = found
     return subsystem, found
-
-
-def _block_end(data: bytes | bytearray, start: int) -> int | None:
-    """Return where the block that `#` may begin at `start` ends, `start + 1` if it is none, None if it is cut short."""
-    digits = data[start + 1 : start + 2]
-    if not digits:
-        return None
-    if digits not in b"123456789":
-        return start + 1
-    count = data[start + 2 : start + 2 + int(digits)]
-    if count and not count.isdigit():
-        return start + 1
-    return start + 2 + int(digits) + int(count) if len(count) == int(digits) else None
-
-
-def _hide_blocks(message: bytes) -> tuple[str, Iterator[str]]:
-    """Return the message with a mark in place of each block, and the blocks."""
-    text, blocks, done = "", [], 0
-    for start in (match.start() for match in _BLOCK.finditer(message)):
-        end = _block_end(message, start) if start >= done else None
-        if end is not None and start + 1 < end <= len(message):
-            blocks.append(message[start:end].decode("latin-1"))
-            text += message[done:start].decode("latin-1") + _HIDDEN_BLOCK
-            done = end
-    return text + message[done:].decode("latin-1"), iter(blocks)
 
 
 def _fields(text: str, mark: str) -> list[str]:
