@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-MAX_MESSAGE_BYTES = 1 << 16
+MAX_MESSAGE_BYTES = 1 << 20
 
 
 class MessageTooLong(ConnectionError):  # noqa: N818 - on this side a reason to hang up

@@ -41,7 +41,7 @@ class FaultyInstrument:
         self._delay_s = 0.0
 
     def inject(self, fault: Fault, *, count: float = 1, delay_s: float = 0.0) -> None:
-        """Spoil the next `count` answers (`math.inf`: all until `heal`)."""
+        """Spoil the next `count` answers (`math.inf`: all until `heal`); until then Fault.HANG swallows commands too."""
         with self._lock:
             self._fault, self._remaining, self._delay_s = fault, count, delay_s
 
@@ -72,6 +72,7 @@ class FaultyInstrument:
     def _due(self, data: bytes) -> tuple[Fault | None, float]:
         with self._lock:
             if self._remaining < 1 or b"?" not in data:
-                return None, 0.0
+                hangs = self._remaining >= 1 and self._fault is Fault.HANG
+                return Fault.HANG if hangs else None, 0.0
             self._remaining -= 1
             return self._fault, self._delay_s

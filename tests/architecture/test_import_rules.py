@@ -40,7 +40,7 @@ FORBIDDEN = [  # rule, file, import that must break it
     ("the-render-process-is-alone", "haptic_driver/processes/shared_memory.py", "import h5py"),
     (
         "devices-do-not-know-their-simulators",
-        "hw/generator/agilent_33220a/driver.py",
+        "hw/generator/keysight/driver.py",
         "import hw.generator.keysight.scpi",
     ),
     ("devices-do-not-know-their-simulators", "hw/generator/siglent_sdg/driver.py", "import hw.generator.terminals"),

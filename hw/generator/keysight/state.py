@@ -283,6 +283,8 @@ class GeneratorState:
     def set_burst(self, text: str) -> None:
         """`BURS:STAT`; nothing triggers it, so nothing but the offset goes out. Ends modulation (-221)."""
         on = parse_boolean(text)
+        if on and self.signal.function == "DC":
+            raise ScpiError(-221)
         if on and self.settings.modulating:
             self.settings.modulating = False
             self._post(-221)

@@ -21,7 +21,8 @@ from haptic_driver.rig.rig import RigState
 from haptic_driver.signals import DriveCommand
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.errors import DeviceDisconnected, DeviceTimeout
-from hw.generator.agilent_33220a.simulator import GeneratorLatency, Simulated33220A
+from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.generator.contract import GeneratorLatency
 from hw.testing.faulty_instrument import Fault, FaultyInstrument
 from hw.testing.faulty_transport import Faulty, LinkFault, LinkFaultKind
 from hw.testing.memory import MemoryTransport

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hw.amplifier.analog import AmplifierSettings, AmplifierState, AnalogAmplifier
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.errors import BadReply, DeviceDisconnected, DeviceError
-from hw.generator.agilent_33220a.simulator import TerminalOutput
+from hw.generator.contract import TerminalOutput
 from hw.safety.interlock import HeartbeatInterlock, ModemLine
 from hw.safety.simulated_interlock import SimulatedInterlock
 from hw.serving.serial import SerialServer

@@ -13,8 +13,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
-from hw.generator.agilent_33220a.driver import Agilent33220A, GeneratorSettings
+from hw.generator.agilent_33220a.driver import Agilent33220A
 from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.generator.settings import GeneratorSettings
 from hw.testing.faulty_instrument import Disconnect, Fault, FaultyInstrument
 from hw.testing.memory import MemoryTransport
 from hw.testing.recording import Recording, Replay, ReplayMismatch

@@ -126,9 +126,10 @@ def test_a_long_answer_arrives_whole(transport: Transport) -> None:
 
 
 def test_a_long_binary_command_arrives_whole(transport: Transport) -> None:
-    command = b"BLOCK? #6%06d" % len(LONG) + LONG + b"\n"
+    block = LONG.replace(b"\n", b"\x00")
+    command = b"BLOCK? #6%06d" % len(block) + block + b"\n"
     # 8 bytes of header, and what their characters sum to: # 6 1 4 3 3 6 0
-    wanted = b"%d,%d" % (len(LONG) + 8, 560 * 255 * 128 + sum(b"#6143360"))
+    wanted = b"%d,%d" % (len(LONG) + 8, 560 * (255 * 128 - 10) + sum(b"#6143360"))
     assert transport.query(command, 20.0) == wanted
 
 

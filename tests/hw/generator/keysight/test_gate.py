@@ -9,14 +9,17 @@ from hypothesis import strategies as st
 from hw.errors import LimitExceeded
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.gate import OutputGate
+from hw.generator.keysight.gate import KeysightGate
+from hw.generator.settings import GeneratorSettings, ModulationInput
 from tests.hw.instruments import IMMEDIATE
 
 GAIN, LIMIT_V = 100.0, 300.0
-READY = b"*RST;:OUTP:LOAD INF;:VOLT:UNIT VPP;:FORM:BORD NORM;:AM:STAT 0\n"
+READY = b"*RST;:OUTP:LOAD INF;:VOLT:UNIT VPP;:AM:STAT 0\n"
 
 
 def gate(*messages: bytes, modulation: float | None = None) -> OutputGate:
-    gate = OutputGate(GAIN, LIMIT_V, modulation=modulation)
+    measured = None if modulation is None else ModulationInput(5.0, modulation)
+    gate = KeysightGate(GeneratorSettings(GAIN, LIMIT_V, 10.0, 10e3, modulation_input=measured))
     for message in messages:
         gate.check(message)
     return gate
@@ -28,13 +31,10 @@ def gate(*messages: bytes, modulation: float | None = None) -> OutputGate:
         b"VOLT 6\n",
         b"FUNC DC;:VOLT:OFFS 3\n",
         b"VOLT 4;:VOLT:OFFS -1\n",
-        b"VOLT:HIGH 3;:VOLT:LOW -3\n",
         b"FREQ 250;:VOLT 1.2;:VOLT?;:SYST:ERR?\n",
         b"VOLT? MAX\n",
         b"OUTP 1;:OUTP?\n",
-        b"DATA:DAC VOLATILE, #14\xe0\x01\x1f\xff\n",
-        b"DATA:DAC VOLATILE,-8191,8191\n",
-        b"AM:DEPT 0;:AM:STAT 1;:VOLT 6\n",
+        b"VOLT:LIM:HIGH 3;:VOLT:LIM:LOW -3;:VOLT:LIM:STAT 1\n",
     ],
 )
 def test_what_keeps_the_limit_passes(message: bytes) -> None:
@@ -49,9 +49,9 @@ def test_what_keeps_the_limit_passes(message: bytes) -> None:
         b"VOLT 1E9\n",
         b"VOLT 4;:VOLT:OFFS -1.01\n",
         b"VOLT:OFFS MAX\n",
-        b"VOLT:HIGH 3.01\n",
-        b"VOLT:LOW -3.01\n",
-        b"VOLT:HIGH 2;:VOLT 5\n",
+        b"VOLT:HIGH 1\n",
+        b"VOLT:LOW -1\n",
+        b"VOLT:LIM:STAT 0\n",
         b"FREQ 250;:VOLT 7;:VOLT 1\n",  # in between counts
         b"VOLT 5 VRMS\n",
         b"VOLT nan\n",
@@ -70,10 +70,6 @@ def test_what_keeps_the_limit_passes(message: bytes) -> None:
         b"VOLT:OFFS 1;OFFS 9\n",  # would be looked up below VOLT
         b"FREQ?\nVOLT 20\n",
         b"*RST\nVOLT?\n",
-        b"DATA:DAC VOLATILE, #14\xe0\x01\x1f\n",
-        b"DATA:DAC VOLATILE, #14\x7f\xff\x1f\xff\n",
-        b"DATA:DAC VOLATILE,1,2;:VOLT 20\n",
-        b"DATA:DAC VOLATILE,5,5\n",
         b"\n",
     ],
 )
@@ -94,7 +90,10 @@ def test_while_nothing_is_known_only_what_calms_passes(message: bytes) -> None:
 
 
 def test_only_too_much_voltage_is_mended_by_less() -> None:
-    for message, hint in ((b"VOLT 6.1\n", "lower the voltage"), (b"APPL:SIN 1E3\n", "only what `Agilent33220A` sends")):
+    for message, hint in (
+        (b"VOLT 6.1\n", "lower the voltage"),
+        (b"APPL:SIN 1E3\n", "only what `KeysightGenerator` sends"),
+    ):
         with pytest.raises(LimitExceeded) as refused:
             gate(READY, message)
         assert refused.value.hint.startswith(hint)
@@ -108,20 +107,17 @@ def test_a_refused_message_leaves_no_trace() -> None:
         opened.check(b"VOLT:OFFS 0.6\n")  # the 5 V still stand
 
 
+def test_modulation_of_unknown_depth_is_no_bound() -> None:
+    ready = gate(b"VOLT MIN;:VOLT:OFFS 0;:AM:STAT 0;:OUTP:LOAD INF;:VOLT:UNIT VPP\n", b"FUNC SIN;:VOLT 0.1\n")
+    with pytest.raises(LimitExceeded):
+        ready.check(b"AM:STAT 1\n")
+    ready.check(b"AM:DEPT 100;:AM:STAT 1\n")
+
+
 def test_a_measured_modulation_is_reckoned_with() -> None:
     gate(READY, b"AM:STAT 1;:VOLT 6\n", modulation=1.0)
     with pytest.raises(LimitExceeded):
         gate(READY, b"AM:STAT 1;:VOLT 6.1\n", modulation=1.0)
-
-
-def test_a_block_needs_a_byte_order_and_a_waveform_off_centre_counts_by_its_own_ends() -> None:
-    with pytest.raises(LimitExceeded, match="byte order"):
-        gate(b"*RST\n", b"DATA:DAC VOLATILE, #14\xe0\x01\x1f\xff\n")
-    one_sided = (READY, b"DATA:DAC VOLATILE,0,8191\n", b"FUNC:USER VOLATILE\n", b"FUNC USER\n")
-    gate(*one_sided, b"VOLT 3\n")
-    with pytest.raises(LimitExceeded):
-        gate(*one_sided, b"VOLT 3.1\n")
-    gate(READY, b"DATA:DAC VOLATILE,-8191,8191\n", b"FUNC:USER VOLATILE\n", b"FUNC USER\n", b"VOLT 6\n")
 
 
 VALUE = st.floats(-12.0, 12.0).map("{:.6g}".format)
@@ -130,9 +126,9 @@ COMMAND = st.one_of(
     st.sampled_from(
         [
             *("*RST", "OUTP:LOAD INF", "OUTP:LOAD 50", "VOLT:UNIT VPP", "VOLT:UNIT VRMS", "FUNC SIN", "FUNC SQU"),
-            *("FUNC DC", "FUNC USER", "FUNC:USER SINC", "FUNC:USER VOLATILE", "AM:STAT 1", "AM:STAT 0", "AM:DEPT 50"),
+            *("FUNC DC", "FUNC USER", "AM:STAT 1", "AM:STAT 0", "AM:DEPT 50"),
             *("AM:SOUR EXT", "OUTP 1", "OUTP 0", "VOLT MIN", "VOLT MAX", "VOLT:OFFS 0", "APPL:SIN 1E3,5,0"),
-            *("DATA:DAC VOLATILE,0,8191", "DATA:DAC VOLATILE,-8191,8191", "*SAV 1", "*RCL 1", "FREQ 100"),
+            *("AM:DEPT 100", "BURS:STAT 1", "*SAV 1", "*RCL 1", "FREQ 100"),
         ]
     ),
 )
