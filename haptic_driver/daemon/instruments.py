@@ -86,7 +86,8 @@ def connect_simulated(
     config: RigConfig, endpoints: Mapping[str, str], on_event: Callable[[RigEvent], None]
 ) -> Instruments:
     """The real drivers on the simulated instruments at `endpoints`. Raises HapticError and DeviceError."""
-    watchdog = Watchdog(WatchdogSettings(endpoints["waveform_generator"], give_up_s=WATCHDOG_GIVE_UP_S))
+    model = config.waveform_generator.model
+    watchdog = Watchdog(WatchdogSettings(endpoints["waveform_generator"], model=model, give_up_s=WATCHDOG_GIVE_UP_S))
     lines = Lines(TcpTransport.from_resource(endpoints["amplifier_lines"]))
     host, port = endpoints["force_sensor"].split(":")
     force_sensor = NetFt(NetFtSettings(host, SCALE, ForceAxes("-z", "x"), port=int(port)))

@@ -126,7 +126,7 @@ def part_kind(group: str, name: str) -> PartKind:
 def sections_of(group: str) -> Any:
     """What may stand in a rig's file at a part of that group, by `kind`. One that cannot be loaded is left out."""
     sections = []
-    for name in plugins.installed(group):
+    for name in sorted(plugins.installed(group)):
         try:
             sections.append(part_kind(group, name).section)
         except ValueError as error:

@@ -8,11 +8,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from hw import plugins
-from hw.generator.settings import ExternalModulation, GeneratorSettings
-from hw.transport.contract import Transport
+
+if TYPE_CHECKING:
+    from hw.generator.settings import ExternalModulation, GeneratorSettings
+    from hw.transport.contract import Transport
 
 GROUP = "haptic_driver.generators"
 WHAT = "waveform generator"

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from haptic_driver.rig.part import Part, PartKind, PartSection, Positive, Vouched, Wiring
-from hw.amplifier.analog import AmplifierSettings, AnalogAmplifier
+
+if TYPE_CHECKING:
+    from hw.amplifier.analog import AnalogAmplifier
 
 
 class AmplifierConfig(Vouched, PartSection):
@@ -37,6 +39,8 @@ class AnalogAmplifierConfig(AmplifierConfig):
 
 def make_analog(section: AmplifierConfig, wiring: Wiring) -> Part[AnalogAmplifier]:
     """See `hw.amplifier.analog`."""
+    from hw.amplifier.analog import AmplifierSettings, AnalogAmplifier
+
     settings = AmplifierSettings(
         gain_v_per_v=section.gain_v_per_v,
         voltage_limit_v=section.voltage_limit_v,

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, FiniteFloat, model_validator
 
 from haptic_driver.rig.part import Part, PartKind, PartSection, Positive, Seconds, Vouched, Wiring
-from hw.analog.ni_daq import NiAnalogOutput
-from hw.analog.output import AnalogOutput, AnalogOutputSettings
-from hw.analog.sound_card import SoundCardOutput
+
+if TYPE_CHECKING:
+    from hw.analog.output import AnalogOutput, AnalogOutputSettings
 
 
 class NoAnalogOutput(PartSection):
@@ -44,6 +44,8 @@ class SomeAnalogOutput(Vouched, PartSection):
 
     def settings(self) -> AnalogOutputSettings:
         """The same, as the driver takes it."""
+        from hw.analog.output import AnalogOutputSettings
+
         return AnalogOutputSettings(
             self.low_v,
             self.high_v,
@@ -70,6 +72,8 @@ class NiAnalogOutputConfig(SomeAnalogOutput):
 
 def make_ni(section: NiAnalogOutputConfig, wiring: Wiring) -> Part[AnalogOutput]:
     """See `hw.analog.ni_daq`."""
+    from hw.analog.ni_daq import NiAnalogOutput
+
     output = NiAnalogOutput(section.channel, section.settings())
     return Part(output, [output.open], [output.close])
 
@@ -88,6 +92,8 @@ class SoundAnalogOutputConfig(SomeAnalogOutput):
 
 def make_sound(section: SoundAnalogOutputConfig, wiring: Wiring) -> Part[AnalogOutput]:
     """See `hw.analog.sound_card`."""
+    from hw.analog.sound_card import SoundCardOutput
+
     output = SoundCardOutput(
         section.device,
         section.settings(),

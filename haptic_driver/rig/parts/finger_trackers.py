@@ -5,15 +5,16 @@ from __future__ import annotations
 import datetime
 import time
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, FiniteFloat
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig.part import Part, PartKind, PartSection, Positive, Wiring
-from haptic_driver.rig.slide import read_slide
-from hw.finger.touch_screen import TouchCalibration, open_touch_screen
-from hw.finger.tracker import FingerTracker, RecordedFinger, StageFinger
+
+if TYPE_CHECKING:
+    from hw.finger.touch_screen import TouchCalibration
+    from hw.finger.tracker import FingerTracker
 
 STAGE_INTERVAL_S = 0.005  # between questions for the stage's place
 
@@ -36,6 +37,8 @@ class StageFingerConfig(PartSection):
 
 def make_stage(section: StageFingerConfig, wiring: Wiring) -> Part[FingerTracker]:
     """Asks the stage for its place."""
+    from hw.finger.tracker import StageFinger
+
     assert wiring.stage is not None  # or the file would have been refused
     (x_m, y_m), (dx, dy) = section.origin_m, section.direction
     finger = StageFinger(wiring.stage.read_status, origin_m=(x_m, y_m), direction=(dx, dy), interval_s=STAGE_INTERVAL_S)
@@ -63,6 +66,8 @@ class EvdevFingerConfig(PartSection):
 
     def touch_calibration(self) -> TouchCalibration:
         """The same, as the driver takes it; BadInputError for a matrix that is no map of a plane."""
+        from hw.finger.touch_screen import TouchCalibration
+
         (a, b, c), (d, e, f) = self.matrix_m
         try:
             return TouchCalibration(((a, b, c), (d, e, f)), self.measured_at, self.placeholder)
@@ -73,6 +78,8 @@ class EvdevFingerConfig(PartSection):
 
 def make_evdev(section: EvdevFingerConfig, wiring: Wiring) -> Part[FingerTracker]:
     """Opened at once: a touch screen that is not there is told before anything is switched."""
+    from hw.finger.touch_screen import open_touch_screen
+
     screen = open_touch_screen(section.device, section.touch_calibration())
     return Part(screen, closing=[screen.close])
 
@@ -88,6 +95,9 @@ class RecordedFingerConfig(PartSection):
 
 def make_recorded(section: RecordedFingerConfig, wiring: Wiring) -> Part[FingerTracker]:
     """Plays the slide once."""
+    from haptic_driver.rig.slide import read_slide
+    from hw.finger.tracker import RecordedFinger
+
     slide = read_slide(Path(section.file))
     return Part(
         RecordedFinger(

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, FiniteFloat
 
 from haptic_driver.rig.part import Axis, Part, PartKind, PartSection, Port, Positive, Wiring
-from hw.force.ati_calibration import AtiCalibration
-from hw.force.net_ft import NetFt, NetFtScale, NetFtSettings
-from hw.force.sensor import ForceAxes, GaugeForceSensor
+
+if TYPE_CHECKING:
+    from hw.force.net_ft import NetFt, NetFtSettings
+    from hw.force.sensor import GaugeForceSensor
 
 
 class SimulatedForceSensorConfig(PartSection):
@@ -43,6 +44,8 @@ class NiForceSensorConfig(PartSection):
 
     def calibration(self) -> str:
         """The transducer's, and what its file held."""
+        from hw.force.ati_calibration import AtiCalibration
+
         file = Path(self.calibration_file)
         sensor = AtiCalibration.from_file(file)
         content = hashlib.sha256(file.read_bytes()).hexdigest()
@@ -51,6 +54,9 @@ class NiForceSensorConfig(PartSection):
 
 def make_ni(section: NiForceSensorConfig, wiring: Wiring) -> Part[GaugeForceSensor]:
     """Six columns of the card."""
+    from hw.force.ati_calibration import AtiCalibration
+    from hw.force.sensor import ForceAxes, GaugeForceSensor
+
     assert wiring.inputs is not None  # or the file would have been refused
     gauges = GaugeForceSensor(
         wiring.inputs.columns(section.gauges),
@@ -83,6 +89,9 @@ class NetFtForceSensorConfig(PartSection):
 
     def settings(self) -> NetFtSettings:
         """The same, as the driver takes it."""
+        from hw.force.net_ft import NetFtScale, NetFtSettings
+        from hw.force.sensor import ForceAxes
+
         return NetFtSettings(
             self.host,
             NetFtScale(self.counts_per_n, self.counts_per_n_m),
@@ -97,6 +106,8 @@ class NetFtForceSensorConfig(PartSection):
 
 def make_net_ft(section: NetFtForceSensorConfig, wiring: Wiring) -> Part[NetFt]:
     """A client of the box."""
+    from hw.force.net_ft import NetFt
+
     net_ft = NetFt(section.settings())
     return Part(net_ft, [net_ft.open, net_ft.take_bias], [net_ft.close])
 
