@@ -41,7 +41,7 @@ class FaultyInstrument:
         self._delay_s = 0.0
 
     def inject(self, fault: Fault, *, count: float = 1, delay_s: float = 0.0) -> None:
-        """Spoil the next `count` answers (`math.inf`: all until `heal`); until then Fault.HANG swallows commands too."""
+        """Spoil the next `count` answers (`math.inf`: all until `heal`); Fault.HANG swallows commands till then."""
         with self._lock:
             self._fault, self._remaining, self._delay_s = fault, count, delay_s
 
