@@ -8,7 +8,6 @@ import struct
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import usb.core
@@ -35,7 +34,6 @@ _ALIGNMENT = 4
 _INITIATE_ABORT_BULK_OUT, _CHECK_ABORT_BULK_OUT = 1, 2
 _INITIATE_ABORT_BULK_IN, _CHECK_ABORT_BULK_IN = 3, 4
 _INITIATE_CLEAR, _CHECK_CLEAR = 5, 6
-_GET_CAPABILITIES = 7
 _TO_INTERFACE, _TO_ENDPOINT = 0xA1, 0xA2  # bmRequestType: class, device to host
 
 _SUCCESS, _PENDING = 1, 2  # USBTMC_status, table 16
@@ -43,18 +41,6 @@ _SUCCESS, _PENDING = 1, 2  # USBTMC_status, table 16
 _MAX_PAYLOAD_BYTES = (1 << 16) - _HEADER.size  # of one transfer, either way
 _CHECKS = 50
 _CHECK_INTERVAL_S = 0.02
-
-
-@dataclass(frozen=True)
-class UsbTmcCapabilities:
-    """What an interface says about itself (GET_CAPABILITIES, table 37 and USB488 table 8); BCD versions as 0x0100."""
-
-    usbtmc_version_bcd: int
-    usb488_version_bcd: int
-    term_char: bool
-    remote_local: bool
-    trigger: bool
-    scpi: bool
 
 
 class UsbTmcTransport(Transport):
@@ -93,7 +79,6 @@ class UsbTmcTransport(Transport):
         self._device: Any = None
         self._tag = 0
         self._interrupted: Callable[[float], None] | None = None
-        self.capabilities: UsbTmcCapabilities | None = None
 
     @classmethod
     def from_resource(cls, resource: str, *, backend: Any = None) -> UsbTmcTransport:
@@ -112,7 +97,6 @@ class UsbTmcTransport(Transport):
         device = self._find()
         try:
             self._claim(device)
-            self.capabilities = self._read_capabilities(deadline_s)
             self._device_clear(deadline_s)
         except usb.core.USBError as error:
             self._disconnect()
@@ -297,21 +281,6 @@ class UsbTmcTransport(Transport):
             if len(self._bulk_in.read(packet, self._remaining_ms(deadline_s))) < packet:
                 return
         raise self._bad("packets without end")
-
-    # --- control requests ----------------------------------------------------------------------------------
-
-    def _read_capabilities(self, deadline_s: float) -> UsbTmcCapabilities:
-        reply = self._control(_TO_INTERFACE, _GET_CAPABILITIES, 0, self._interface, 24, deadline_s)
-        if reply[0] != _SUCCESS:
-            raise self._bad(f"status 0x{reply[0]:02X} to GET_CAPABILITIES")
-        return UsbTmcCapabilities(
-            usbtmc_version_bcd=int.from_bytes(reply[2:4], "little"),
-            usb488_version_bcd=int.from_bytes(reply[12:14], "little"),
-            term_char=bool(reply[5] & 1),
-            remote_local=bool(reply[14] & 2),
-            trigger=bool(reply[14] & 1),
-            scpi=bool(reply[15] & 8),
-        )
 
     def _control(self, kind: int, request: int, value: int, target: Any, size: int, deadline_s: float) -> bytes:
         """Send a class request to an endpoint or, by its number, to an interface; return exactly `size` bytes."""

@@ -20,10 +20,10 @@ from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.rig import RigState
 from haptic_driver.simulation.rig import simulated_amplifier, simulated_generator, surface_friction
 from hw.analog.output import AnalogOutputSettings
-from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.finger.plant import FingerPlant
 from hw.force.simulated import SimulatedForceSensor
 from hw.testing.memory import MemoryTransport
+from tests.hw.analog.simulated_analog_output import SimulatedAnalogOutput
 
 TICK_S = 0.001
 FORCE_N, SPEED_M_S = 0.5, 0.04

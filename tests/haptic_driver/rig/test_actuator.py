@@ -10,10 +10,10 @@ from haptic_driver.rig.devices import build_rig
 from haptic_driver.signals import NO_COMMAND, NO_COURSE, Course, DriveCommand
 from haptic_driver.simulation.rig import SimulatedRig, simulated_amplifier, simulated_generator
 from hw.analog.output import AnalogOutputSettings
-from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.finger.plant import FingerPlant
 from hw.force.simulated import SimulatedForceSensor
 from hw.testing.memory import MemoryTransport
+from tests.hw.analog.simulated_analog_output import SimulatedAnalogOutput
 
 RATE_HZ, SAMPLES, LEAD_S = 50e3, 50, 0.003
 ON = DriveCommand(250.0, 80.0, True)

@@ -12,7 +12,7 @@ from haptic_driver.rig.tick_settings import tick_settings
 from haptic_driver.simulation.rig import SimulatedRig, surface_friction
 from haptic_driver.simulation.slide import render_slide
 from haptic_driver.textures.library import load_texture
-from hw.testing.recording import Recording, Replay, ReplayMismatch
+from tests.hw.testing.recording import Recording, Replay, ReplayMismatch
 
 
 class DrivingReplay(Replay):

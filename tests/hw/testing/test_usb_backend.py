@@ -11,8 +11,8 @@ import usb.core
 import usb.util
 
 from hw.generator.agilent_33220a.simulator import Simulated33220A
-from hw.testing.usb_backend import BULK_IN, BULK_OUT, INTERRUPT_IN, SimulatedUsbBackend
 from tests.hw.instruments import IMMEDIATE
+from tests.hw.testing.usb_backend import BULK_IN, BULK_OUT, INTERRUPT_IN, SimulatedUsbBackend
 
 pytestmark = pytest.mark.timeout(30)
 

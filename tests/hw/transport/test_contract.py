@@ -15,16 +15,16 @@ from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
 from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
 from hw.testing.faulty_instrument import Disconnect
-from hw.testing.faulty_transport import Faulty
 from hw.testing.memory import MemoryTransport
-from hw.testing.recording import Recording
-from hw.testing.usb_backend import SimulatedUsbBackend
 from hw.transport.contract import Transport
 from hw.transport.serial import SerialTransport
 from hw.transport.tcp import TcpTransport
 from hw.transport.usbtmc import UsbTmcTransport
 from hw.transport.visa import VisaTransport
 from tests.hw.instruments import closed_port
+from tests.hw.testing.faulty_transport import Faulty
+from tests.hw.testing.recording import Recording
+from tests.hw.testing.usb_backend import SimulatedUsbBackend
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -14,13 +14,13 @@ from hw.generator.settings import GeneratorSettings
 from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
 from hw.testing.memory import MemoryTransport
-from hw.testing.usb_backend import SimulatedUsbBackend
 from hw.transport.contract import Transport
 from hw.transport.marker import scpi_marker
 from hw.transport.serial import SerialTransport
 from hw.transport.tcp import TcpTransport
 from hw.transport.usbtmc import UsbTmcTransport
 from hw.transport.visa import VisaTransport
+from tests.hw.testing.usb_backend import SimulatedUsbBackend
 
 LINKS: dict[str, Callable[[Simulated33220A, ExitStack], Transport]] = {
     "memory": lambda core, stack: MemoryTransport(core),

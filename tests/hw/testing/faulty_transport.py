@@ -11,7 +11,7 @@ from typing import NoReturn
 
 from hw.errors import DeviceDisconnected, DeviceTimeout
 from hw.transport.contract import Transport
-from hw.transport.decorator import TransportDecorator
+from tests.hw.testing.decorator import TransportDecorator
 
 
 class LinkFaultKind(enum.Enum):

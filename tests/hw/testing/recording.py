@@ -17,7 +17,7 @@ from typing import Any
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
 from hw.transport.contract import Transport
-from hw.transport.decorator import TransportDecorator
+from tests.hw.testing.decorator import TransportDecorator
 
 _VERSION = 1
 _FAILURES: dict[str, type[DeviceError]] = {kind.code: kind for kind in (DeviceTimeout, DeviceDisconnected, BadReply)}
