@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -71,6 +72,15 @@ def asked(resource, question):
         stream.write(question)
         stream.flush()
         return stream.readline()
+
+
+def test_the_page_about_hardware_shows_the_package_word_for_word():
+    page = (ROOT / "docs" / "hardware.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^```(python|toml)\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE)
+    files = {"python": "lab_generator.py", "toml": "pyproject.toml"}
+    assert [mark for mark, _ in shown] == ["toml", "python", "python"]
+    for mark, code in shown:
+        assert code in (PACKAGE / files[mark]).read_text(encoding="utf-8")
 
 
 def test_without_the_package_its_name_is_refused_with_what_is_installed(rig):
