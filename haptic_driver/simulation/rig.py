@@ -26,8 +26,8 @@ from hw.amplifier.simulated import SimulatedAmplifier
 from hw.finger.plant import FingerPlant
 from hw.force.simulated import SimulatedForceSensor
 from hw.generator.contract import GeneratorLatency, Listener, SimulatedGenerator, generator_kind
+from hw.serving.responder import Responder
 from hw.serving.tcp import TcpServer
-from hw.testing.memory import Responder
 from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
 from model.conditions import Conditions

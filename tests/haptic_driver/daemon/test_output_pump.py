@@ -22,8 +22,8 @@ from haptic_driver.simulation.rig import simulated_amplifier, simulated_generato
 from hw.analog.output import AnalogOutputSettings
 from hw.finger.plant import FingerPlant
 from hw.force.simulated import SimulatedForceSensor
-from hw.testing.memory import MemoryTransport
 from tests.hw.analog.simulated_analog_output import SimulatedAnalogOutput
+from tests.hw.testing.memory import MemoryTransport
 
 TICK_S = 0.001
 FORCE_N, SPEED_M_S = 0.5, 0.04

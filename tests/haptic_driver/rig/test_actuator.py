@@ -12,8 +12,8 @@ from haptic_driver.simulation.rig import SimulatedRig, simulated_amplifier, simu
 from hw.analog.output import AnalogOutputSettings
 from hw.finger.plant import FingerPlant
 from hw.force.simulated import SimulatedForceSensor
-from hw.testing.memory import MemoryTransport
 from tests.hw.analog.simulated_analog_output import SimulatedAnalogOutput
+from tests.hw.testing.memory import MemoryTransport
 
 RATE_HZ, SAMPLES, LEAD_S = 50e3, 50, 0.003
 ON = DriveCommand(250.0, 80.0, True)

@@ -23,12 +23,12 @@ from hw.amplifier.simulated import SimulatedAmplifier
 from hw.errors import DeviceDisconnected, DeviceTimeout
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.contract import GeneratorLatency
-from hw.testing.faulty_instrument import Fault, FaultyInstrument
-from hw.testing.memory import MemoryTransport
 from tests.clock import ManualClock
 from tests.haptic_driver.stand_ins import BreakableSensor
 from tests.hw.instruments import IMMEDIATE
+from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 from tests.hw.testing.faulty_transport import Faulty, LinkFault, LinkFaultKind
+from tests.hw.testing.memory import MemoryTransport
 
 REPLY_TIMEOUT_S = 0.2
 LINE_TIMEOUT_S = 0.05

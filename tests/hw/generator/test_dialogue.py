@@ -9,9 +9,9 @@ from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.dialogue import ScpiDialogue
 from hw.generator.keysight.gate import KeysightGate
 from hw.generator.settings import GeneratorSettings
-from hw.testing.faulty_instrument import Fault, FaultyInstrument
-from hw.testing.memory import MemoryTransport
 from tests.hw.instruments import IMMEDIATE
+from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
+from tests.hw.testing.memory import MemoryTransport
 
 READY = ["OUTP 0", "*RST", "OUTP:LOAD INF", "VOLT:UNIT VPP", "VOLT 1"]
 

@@ -16,11 +16,11 @@ from hw.safety.interlock import HeartbeatInterlock, ModemLine
 from hw.safety.simulated_interlock import SimulatedInterlock
 from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
-from hw.testing.faulty_instrument import Fault, FaultyInstrument
-from hw.testing.memory import MemoryTransport
 from hw.transport.contract import Transport
 from hw.transport.resource import make_transport
 from tests.clock import ManualClock
+from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
+from tests.hw.testing.memory import MemoryTransport
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -20,9 +20,9 @@ from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.safety.simulated_interlock import SimulatedInterlock
 from hw.safety.watchdog import BEAT, REST, Outcome, Watchdog, WatchdogSettings, wait_for_silence
 from hw.serving.tcp import TcpServer
-from hw.testing.faulty_instrument import Fault, FaultyInstrument
 from tests.clock import ManualClock
 from tests.hw.instruments import IMMEDIATE, closed_port
+from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 from tests.waiting import HANG_S, exists, until
 
 pytestmark = pytest.mark.timeout(2 * HANG_S)

@@ -14,9 +14,9 @@ from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout, 
 from hw.serving.serial import SerialServer
 from hw.stage.lts150 import Lts150, StageSettings
 from hw.stage.simulated import SimulatedLts150
-from hw.testing.memory import MemoryTransport
 from hw.transport.serial import SerialTransport
 from tests.clock import ManualClock
+from tests.hw.testing.memory import MemoryTransport
 
 SETTINGS = StageSettings(
     travel_low_m=0.0,

@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from hw.testing.faulty_instrument import Disconnect, Fault, FaultyInstrument
+from hw.serving.responder import Disconnect
+from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 
 
 class Counter:

@@ -16,10 +16,11 @@ from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
 from hw.generator.agilent_33220a.driver import Agilent33220A
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.settings import GeneratorSettings
-from hw.testing.faulty_instrument import Disconnect, Fault, FaultyInstrument
-from hw.testing.memory import MemoryTransport
+from hw.serving.responder import Disconnect
 from hw.transport.contract import Transport
 from tests.hw.instruments import IMMEDIATE
+from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
+from tests.hw.testing.memory import MemoryTransport
 from tests.hw.testing.recording import Recording, Replay, ReplayMismatch
 
 SETTINGS = GeneratorSettings(100.0, 150.0, 100.0, 1000.0)
@@ -117,7 +118,7 @@ def test_a_crash_loses_nothing(tmp_path: Path) -> None:
     path = tmp_path / "wire.jsonl"
     program = (
         "import os, sys; from pathlib import Path\n"
-        "from hw.testing.memory import MemoryTransport; from tests.hw.testing.recording import Recording\n"
+        "from tests.hw.testing.memory import MemoryTransport; from tests.hw.testing.recording import Recording\n"
         "class Echo:\n    def handle(self, data): return data\n"
         "t = Recording(MemoryTransport(Echo()), Path(sys.argv[1])); t.open(); t.query(b'last words\\n', 1.0)\n"
         "os.kill(os.getpid(), 9)\n"

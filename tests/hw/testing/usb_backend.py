@@ -15,8 +15,7 @@ from typing import Any, Self
 import usb.backend
 import usb.core
 
-from hw.testing.faulty_instrument import Disconnect
-from hw.testing.memory import Responder
+from hw.serving.responder import Disconnect, Responder
 
 BULK_OUT, BULK_IN, INTERRUPT_IN = 0x02, 0x86, 0x88
 _HEADER = struct.Struct("<BBBxLBxxx")

@@ -12,10 +12,9 @@ from typing import Any
 import pytest
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
+from hw.serving.responder import Disconnect
 from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
-from hw.testing.faulty_instrument import Disconnect
-from hw.testing.memory import MemoryTransport
 from hw.transport.contract import Transport
 from hw.transport.serial import SerialTransport
 from hw.transport.tcp import TcpTransport
@@ -23,6 +22,7 @@ from hw.transport.usbtmc import UsbTmcTransport
 from hw.transport.visa import VisaTransport
 from tests.hw.instruments import closed_port
 from tests.hw.testing.faulty_transport import Faulty
+from tests.hw.testing.memory import MemoryTransport
 from tests.hw.testing.recording import Recording
 from tests.hw.testing.usb_backend import SimulatedUsbBackend
 

@@ -10,7 +10,7 @@ import pytest
 from hw.errors import BadReply, InstrumentRejected, LimitExceeded
 from hw.generator.agilent_33220a.driver import Agilent33220A
 from hw.generator.settings import ExternalModulation, GeneratorSettings, ModulationInput, RangePolicy, Shape
-from hw.testing.memory import MemoryTransport
+from tests.hw.testing.memory import MemoryTransport
 
 # 100 V at the electrode per volt at the generator: 1 Vpp is 50 V peak.
 SETTINGS = GeneratorSettings(

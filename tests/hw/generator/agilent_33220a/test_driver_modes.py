@@ -15,9 +15,9 @@ from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.contract import GeneratorLatency, TerminalOutput
 from hw.generator.settings import ExternalModulation, GeneratorSettings, ModulationInput, RangePolicy, Shape
 from hw.serving.tcp import TcpServer
-from hw.testing.memory import MemoryTransport
 from hw.transport.tcp import TcpTransport
 from tests.hw.instruments import IMMEDIATE
+from tests.hw.testing.memory import MemoryTransport
 
 GAIN, LIMIT_V = 100.0, 300.0
 

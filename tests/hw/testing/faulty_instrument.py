@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from hw.testing.memory import Responder
+from hw.serving.responder import Disconnect, Responder
 
 
 class Fault(enum.Enum):
@@ -19,14 +19,6 @@ class Fault(enum.Enum):
     TRUNCATED = "truncated"  # the first half of the answer, without a line end
     DISCONNECT = "disconnect"  # the first half of the answer, then the connection is closed
     HANG = "hang"  # neither carried out nor answered
-
-
-class Disconnect(ConnectionError):  # noqa: N818 - an event, not an error, on this side
-    """Raised by a simulated instrument to hang up after `sent`."""
-
-    def __init__(self, sent: bytes) -> None:
-        super().__init__("simulated disconnect")
-        self.sent = sent
 
 
 class FaultyInstrument:

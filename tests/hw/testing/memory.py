@@ -4,17 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Protocol
 
 from hw.errors import DeviceDisconnected, DeviceTimeout
+from hw.serving.responder import Responder
 from hw.transport.contract import Transport
-
-
-class Responder(Protocol):
-    """An instrument as bytes in, bytes out."""
-
-    def handle(self, data: bytes) -> bytes:
-        """Carry out complete messages and return their answers; raise ConnectionError to hang up."""
 
 
 class MemoryTransport(Transport):
