@@ -12,7 +12,6 @@ from haptic_driver.experiments.stroke import beyond_stage
 from haptic_driver.render.safety import violation
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.signals import OperatingPoint
-from hw.generator.contract import generator_kind
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 
@@ -75,7 +74,7 @@ def check(
 
 
 def _beyond_generator(setting: Setting, config: RigConfig) -> str | None:
-    kind = generator_kind(config.waveform_generator.model)
+    kind = config.generator_kind()
     low_v, high_v = (
         0.5 * vpp * config.amplifier.gain_v_per_v for vpp in (kind.amplitude_low_vpp, kind.amplitude_high_vpp)
     )

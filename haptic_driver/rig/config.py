@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, model_validator
 
 from haptic_driver.config import find_config, parse, read_toml
+from haptic_driver.errors import BadInputError
 from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS, OperatingLimits
 from haptic_driver.rig.part import (
     AMPLIFIERS,
@@ -283,6 +284,13 @@ class RigConfig(Section):
             missing.append('watchdog.generator (a resource, or "none")')
         return missing
 
+    def generator_kind(self) -> generators.GeneratorKind:
+        """The installed kind of waveform generator; BadInputError where its package cannot be loaded."""
+        try:
+            return generators.generator_kind(self.waveform_generator.model)
+        except ValueError as error:
+            raise BadInputError("bad_generator", str(error), "mend or install the package that brings it") from error
+
     def operating_limits(self) -> OperatingLimits:
         """The limits as the controller and the safety gate use them."""
         limits = self.limits
@@ -385,8 +393,8 @@ def _not_wired(rig: RigConfig) -> Iterator[str]:
     modulation = rig.waveform_generator.modulation_input
     if isinstance(rig.analog_output, NoAnalogOutput):
         return
-    model = rig.waveform_generator.model
-    if not generators.generator_kind(model).external_modulation:
+    if not rig.generator_kind().external_modulation:
+        model = rig.waveform_generator.model
         yield f"analog_output: {model} is not modulated from outside by its driver; leave the section out"
     if modulation is None:
         yield "analog_output needs waveform_generator.modulation_input: what a level there does to the amplitude"

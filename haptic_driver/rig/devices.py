@@ -33,7 +33,6 @@ from hw.analog.output import AnalogOutput
 from hw.errors import DeviceError
 from hw.finger.tracker import FingerTracker
 from hw.force.sensor import ForceSensor
-from hw.generator.contract import generator_kind
 from hw.generator.settings import GeneratorSettings, ModulationInput, RangePolicy
 from hw.safety.interlock import HeartbeatInterlock, ModemLine
 from hw.safety.watchdog import Watchdog, WatchdogSettings
@@ -140,7 +139,7 @@ def build_rig(
     sleep: Callable[[float], None] = time.sleep,
 ) -> Rig:
     """The devices of `config` on the given lines; nothing is opened yet."""
-    generator = generator_kind(config.waveform_generator.model).make(transport, generator_settings(config))
+    generator = config.generator_kind().make(transport, generator_settings(config))
     lines = Wiring(enable=enable, voltage_monitor=voltage_monitor, current_monitor=current_monitor, fault=fault)
     amplifier = make_part(AMPLIFIERS, config.amplifier, lines)
     if amplifier is None:

@@ -41,7 +41,7 @@ from hw.errors import BadReply, DeviceError
 from hw.finger.touch_screen import open_touch_reports
 from hw.force.ati_calibration import AtiCalibration
 from hw.force.net_ft import NetFt
-from hw.generator.contract import GeneratorKind, GeneratorReport, generator_kind
+from hw.generator.contract import GeneratorKind, GeneratorReport
 from hw.safety.interlock import IDENTITY
 from hw.stage import apt
 from hw.stage.lts150 import Lts150
@@ -170,7 +170,7 @@ def _real_time() -> Checks:
 
 def _generator(config: RigConfig) -> Checks:
     transport = generator_transport(config)
-    kind = generator_kind(config.waveform_generator.model)
+    kind = config.generator_kind()
     with _failures("waveform generator", transport) as failed:
         found = kind.make(transport, generator_settings(config)).identify()
         yield Check("waveform generator", Status.OK, f"{found.identity}, serial number {found.serial_number}")
@@ -232,7 +232,7 @@ def _watchdog(config: RigConfig) -> Checks:
     transport = make_transport(given.generator)
     with _failures("watchdog", transport) as failed:
         transport.open()
-        kind = generator_kind(config.waveform_generator.model)
+        kind = config.generator_kind()
         reply = transport.query(kind.ask_off, given.reply_timeout_s).strip()
         if not kind.off_answers.fullmatch(reply):
             raise BadReply(f"{transport.resource} answered {reply[:80]!r}", "check watchdog.generator")

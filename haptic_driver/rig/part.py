@@ -9,8 +9,8 @@ from __future__ import annotations
 import datetime
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, Union
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, Union, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat
 
@@ -104,7 +104,7 @@ class Part(Generic[Device]):
 
     device: Device
     opening: Sequence[Callable[[], object]] = ()
-    closing: Sequence[Callable[[], object]] = field(default=())
+    closing: Sequence[Callable[[], object]] = ()
 
 
 @dataclass(frozen=True)
@@ -118,8 +118,8 @@ class PartKind:
 def part_kind(group: str, name: str) -> PartKind:
     """The installed kind of that name; ValueError says what is installed."""
     kind = plugins.load(group, name, group.rpartition(".")[2].removesuffix("s").replace("_", " "))
-    if not isinstance(kind, PartKind) or kind.section.model_fields["kind"].annotation is str:
-        raise ValueError(f"{group}: {name!r} names {kind!r}, not a PartKind whose section says its kind")
+    if not isinstance(kind, PartKind) or name not in get_args(kind.section.model_fields["kind"].annotation):
+        raise ValueError(f"{group}: {name!r} names {kind!r}, not a PartKind whose section has this kind")
     return kind
 
 
@@ -131,6 +131,8 @@ def sections_of(group: str) -> Any:
             sections.append(part_kind(group, name).section)
         except ValueError as error:
             _log.warning("%s", error)
+    if not sections:
+        raise ImportError(f"nothing is installed under {group}: install haptic-driver anew, pip install --editable .")
     return Annotated[Union[tuple(sections)], Field(discriminator="kind")] if len(sections) > 1 else sections[0]  # noqa: UP007
 
 

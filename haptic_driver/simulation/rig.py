@@ -25,7 +25,7 @@ from haptic_driver.surface.file import SurfaceFile, ready_for_lookup
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.finger.plant import FingerPlant
 from hw.force.simulated import SimulatedForceSensor
-from hw.generator.contract import GeneratorLatency, Listener, SimulatedGenerator, generator_kind
+from hw.generator.contract import GeneratorLatency, Listener, SimulatedGenerator
 from hw.serving.responder import Responder
 from hw.serving.tcp import TcpServer
 from hw.transport.contract import Transport
@@ -130,7 +130,7 @@ def simulated_generator(
     simulation, modulation = config.simulation, config.waveform_generator.modulation_input
     latency = GeneratorLatency(amplitude_s=simulation.amplitude_latency_s, frequency_s=simulation.frequency_latency_s)
     highest = 1.0 if modulation is None else modulation.amplitude_at_full_scale
-    kind = generator_kind(config.waveform_generator.model)
+    kind = config.generator_kind()
     return kind.simulator(latency, listener=listener or amplifier.drive, am_full_scale=highest)
 
 
