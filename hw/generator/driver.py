@@ -44,8 +44,6 @@ class GeneratorDriver(ABC):
         self._dialogue = line
         self._believed: Programmed | None = None
 
-    # --- the dialect -----------------------------------------------------------------------------------------------
-
     @abstractmethod
     def _ask_state(self) -> tuple[bool, bool, str]:
         """Only ask: whether the output is on, whether levels are for an open circuit, and what is set, in words."""
@@ -80,8 +78,6 @@ class GeneratorDriver(ABC):
     @abstractmethod
     def _try_off(self, *, levels: bool) -> bool:
         """Off, with all levels lowered first if `levels`, and whether the output is on now."""
-
-    # --- what a rig uses -------------------------------------------------------------------------------------------
 
     @property
     def minimum_voltage_v(self) -> float:
@@ -178,8 +174,6 @@ class GeneratorDriver(ABC):
         evidence = self.off()
         self._dialogue.close()
         return evidence
-
-    # --- limits and checks -----------------------------------------------------------------------------------------
 
     def _base(self) -> Programmed:
         """From here every waveform and modulation can be reached without a conflict."""
