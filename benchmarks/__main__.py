@@ -8,7 +8,6 @@ from __future__ import annotations
 import sys
 
 from benchmarks import (
-    arbitrary_upload,
     envelope,
     published_algorithm,
     start_up,
@@ -21,7 +20,7 @@ from benchmarks import (
 from benchmarks.claim import Claim, show
 
 PARTS = (
-    start_up, surface_build, surface_lookup, published_algorithm, transport, arbitrary_upload, tick_compute, envelope,
+    start_up, surface_build, surface_lookup, published_algorithm, transport, tick_compute, envelope,
     tick_lateness,
 )  # fmt: skip
 

@@ -32,7 +32,8 @@ from haptic_driver.experiments.touched_places import (
     touch_places,
 )
 from haptic_driver.files import exists_already, not_written, write_rows
-from haptic_driver.rig.config import EvdevFingerConfig, RigConfig, load_rig
+from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.parts.finger_trackers import EvdevFingerConfig
 from hw.finger.touch_screen import TouchReports, open_touch_reports
 from model.support.errors import nearest
 

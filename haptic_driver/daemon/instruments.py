@@ -9,9 +9,10 @@ from math import isfinite
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.shared_memory import Sensed
 from haptic_driver.rig.actuator import make_actuator
-from haptic_driver.rig.config import RigConfig, SimulatedAnalogOutputConfig
-from haptic_driver.rig.devices import Devices, connect_devices, output_settings
-from haptic_driver.rig.rig import build_rig
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.devices import Devices, build_rig, connect_devices
+from haptic_driver.rig.part import Wiring
+from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
 from haptic_driver.rig.states import RigEvent
 from haptic_driver.simulation.instruments import SCALE
 from haptic_driver.simulation.lines import SCREEN, Lines
@@ -87,7 +88,8 @@ def connect_simulated(
     config: RigConfig, endpoints: Mapping[str, str], on_event: Callable[[RigEvent], None]
 ) -> Instruments:
     """The real drivers on the simulated instruments at `endpoints`. Raises HapticError and DeviceError."""
-    watchdog = Watchdog(WatchdogSettings(endpoints["waveform_generator"], give_up_s=WATCHDOG_GIVE_UP_S))
+    model = config.waveform_generator.model
+    watchdog = Watchdog(WatchdogSettings(endpoints["waveform_generator"], model=model, give_up_s=WATCHDOG_GIVE_UP_S))
     lines = Lines(TcpTransport.from_resource(endpoints["amplifier_lines"]))
     host, port = endpoints["force_sensor"].split(":")
     force_sensor = NetFt(NetFtSettings(host, SCALE, ForceAxes("-z", "x"), port=int(port)))
@@ -104,10 +106,10 @@ def connect_simulated(
     output = None
     if isinstance(config.analog_output, SimulatedAnalogOutputConfig):
         output = ServedAnalogOutput(
-            TcpTransport.from_resource(endpoints["analog_output"]), output_settings(config.analog_output)
+            TcpTransport.from_resource(endpoints["analog_output"]), config.analog_output.settings()
         )
     rig = build_rig(
-        config, transport, force_sensor, lines, lines,
+        config, transport, force_sensor, Wiring(enable=lines, voltage_monitor=lines),
         modulated=output is not None, heartbeats=[watchdog], on_event=on_event,
     )  # fmt: skip
     opening = [*([output.open] if output else []), rig.connect, force_sensor.open, watchdog.start]

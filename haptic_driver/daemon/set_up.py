@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from haptic_driver.daemon.render_process import Nothing, RenderSettings
-from haptic_driver.rig.config import EvdevFingerConfig, NoAnalogOutput, RigConfig, StageFingerConfig, load_rig
-from haptic_driver.rig.devices import STAGE_INTERVAL_S
+from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
+from haptic_driver.rig.parts.finger_trackers import STAGE_INTERVAL_S, EvdevFingerConfig, StageFingerConfig
 from haptic_driver.rig.tick_settings import tick_settings
 from haptic_driver.simulation.lines import PANEL
 from haptic_driver.surface.build import build_surface

@@ -12,7 +12,6 @@ from haptic_driver.experiments.stroke import beyond_stage
 from haptic_driver.render.safety import violation
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.signals import OperatingPoint
-from hw.generator.agilent_33220a.driver import AMPLITUDE_HIGH_VPP, AMPLITUDE_LOW_VPP
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 
@@ -75,7 +74,10 @@ def check(
 
 
 def _beyond_generator(setting: Setting, config: RigConfig) -> str | None:
-    low_v, high_v = (0.5 * vpp * config.amplifier.gain_v_per_v for vpp in (AMPLITUDE_LOW_VPP, AMPLITUDE_HIGH_VPP))
+    kind = config.generator_kind()
+    low_v, high_v = (
+        0.5 * vpp * config.amplifier.gain_v_per_v for vpp in (kind.amplitude_low_vpp, kind.amplitude_high_vpp)
+    )
     if setting.voltage_v == 0.0 or low_v <= setting.voltage_v <= high_v:
         return None
     return f"{setting.voltage_v:g} V is outside {low_v:g}..{high_v:g} V, what the generator can make"

@@ -15,8 +15,9 @@ from typing import Self
 from haptic_driver.errors import HapticError
 from haptic_driver.experiments.plan import Plan, Row
 from haptic_driver.experiments.stroke import SPARE_S, stage_of, stroke
-from haptic_driver.rig.config import NoAnalogOutput, RigConfig
+from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import connect_devices
+from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.rig import Rig
 from hw.force.sensor import ForceReading
 from hw.stage.lts150 import Lts150, StageStatus

@@ -9,9 +9,11 @@ import numpy as np
 
 from haptic_driver.errors import HapticError
 from haptic_driver.render.envelope import synthesise
-from haptic_driver.rig.config import NoAnalogOutput, RigConfig, SoundAnalogOutputConfig
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.devices import modulation_input
 from haptic_driver.rig.evidence import OffEvidence
-from haptic_driver.rig.rig import Rig, modulation_input
+from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput, SoundAnalogOutputConfig
+from haptic_driver.rig.rig import Rig
 from haptic_driver.signals import Course, DriveCommand
 from hw.analog.output import AnalogOutput, OutputUnderrun
 from hw.errors import DeviceError

@@ -7,58 +7,60 @@ the list is empty.
 
 from __future__ import annotations
 
-import datetime
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, model_validator
 
-from haptic_driver.config import find_config, parse, read_toml
+from haptic_driver.config import Section, find_config, parse, read_toml
+from haptic_driver.errors import BadInputError
 from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS, OperatingLimits
+from haptic_driver.rig.part import (
+    AMPLIFIERS,
+    ANALOG_OUTPUTS,
+    FINGER_TRACKERS,
+    FORCE_SENSORS,
+    NO_WATCHDOG,
+    SIMULATED,
+    NotNegative,
+    PartSection,
+    Positive,
+    Resource,
+    Seconds,
+    Vouched,
+    sections_of,
+)
+from haptic_driver.rig.parts.amplifiers import AmplifierConfig
+from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput, SomeAnalogOutput
+from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.signals import Policy
+from hw import plugins
+from hw.generator import contract as generators
 
-SIMULATED = "simulated"
-NO_WATCHDOG = "none"
 # What two programs can hold at the same time; the watchdog must not depend on the driver letting go.
 _SHAREABLE = re.compile(r"TCPIP\d*::.*", re.IGNORECASE)
 
-Positive = Annotated[FiniteFloat, Field(gt=0.0)]
-NotNegative = Annotated[FiniteFloat, Field(ge=0.0)]
-Seconds = Annotated[FiniteFloat, Field(gt=0.0, le=60.0)]
-Axis = Annotated[str, Field(pattern=r"^[+-]?[xyz]$")]
-Port = Annotated[int, Field(ge=1, le=65535)]
+
+def _installed_model(model: str) -> str:
+    return plugins.known(generators.GROUP, model, generators.WHAT)
 
 
-def _known_form(resource: str) -> str:
-    if resource not in (SIMULATED, NO_WATCHDOG):
-        from hw.transport.resource import make_transport  # noqa: PLC0415 - imports what a real device needs
-
-        make_transport(resource)
-    return resource
+def _analog_if_not_said(section: object) -> object:
+    return {"kind": "analog", **section} if isinstance(section, dict) else section
 
 
-Resource = Annotated[str, AfterValidator(_known_form)]
-"""A name that `hw.transport.resource.make_transport` takes."""
-
-
-class Section(BaseModel):
-    """One section of a file: nothing unknown in it, nothing of the wrong type."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-
-class Vouched(Section):
-    """A section whose figures somebody has to vouch for before the rig may come on."""
-
-    measured_by: str = ""
-    measured_at: datetime.date | None = None
-
-    @property
-    def verified(self) -> bool:
-        """Whether somebody does."""
-        return bool(self.measured_by.strip()) and self.measured_at is not None
+if TYPE_CHECKING:
+    SomeAmplifier = AmplifierConfig
+    SomeForceSensor = PartSection
+    SomeOutput = NoAnalogOutput | SomeAnalogOutput
+    SomeTracker = PartSection
+else:  # whatever is installed
+    SomeAmplifier = Annotated[sections_of(AMPLIFIERS), BeforeValidator(_analog_if_not_said)]
+    SomeForceSensor = sections_of(FORCE_SENSORS)
+    SomeOutput = sections_of(ANALOG_OUTPUTS)
+    SomeTracker = sections_of(FINGER_TRACKERS)
 
 
 class LimitsConfig(Vouched):
@@ -67,13 +69,10 @@ class LimitsConfig(Vouched):
     voltage_v: Annotated[FiniteFloat, Field(gt=0.0, le=1000.0)]
     frequency_hz: Annotated[
         list[Annotated[FiniteFloat, Field(ge=1e-6, le=20e6)]], Field(min_length=2, max_length=2)
-    ] = [
-        1.0,
-        1e6,
-    ]
+    ] = Field(default=[1.0, 1e6])
     contact_current_a_rms: Annotated[
         list[Annotated[list[Positive], Field(min_length=2, max_length=2)]], Field(min_length=1)
-    ] = [list(point) for point in ICNIRP_PUBLIC_A_RMS]
+    ] = Field(default=[list(point) for point in ICNIRP_PUBLIC_A_RMS])
     series_resistance_ohm: NotNegative = 0.0
     panel_capacitance_f: Annotated[FiniteFloat, Field(ge=0.0, le=1e-3)] = 0.0
 
@@ -115,30 +114,13 @@ class ModulationInputConfig(Vouched):
 class GeneratorConfig(Section):
     """The waveform generator and how to reach it."""
 
-    model: Literal["agilent_33220a"] = "agilent_33220a"
+    model: Annotated[str, AfterValidator(_installed_model)] = "agilent_33220a"
     resource: Resource
     visa_backend: str = "@py"
     baud_rate: Annotated[int, Field(ge=300, le=4_000_000)] = 115200
     reply_timeout_s: Annotated[FiniteFloat, Field(gt=0.0, le=30.0)] = 1.0
     range_policy: Literal["fixed", "auto"] = "fixed"
     modulation_input: ModulationInputConfig | None = None
-    binary_upload: bool = True
-    upload_timeout_s: Annotated[FiniteFloat, Field(gt=0.0, le=300.0)] = 30.0
-
-
-class AmplifierConfig(Vouched):
-    """The high-voltage amplifier; peak values at the electrode. Lines are channels of a card, absent if not named."""
-
-    gain_v_per_v: Positive
-    voltage_limit_v: Positive
-    current_limit_a: Positive
-    slew_limit_v_per_s: Positive
-    voltage_monitor_v_per_v: Positive = 0.01
-    current_monitor_v_per_a: Positive = 1.0
-    fault_level: bool = True
-    voltage_monitor: str | None = None
-    current_monitor: str | None = None
-    fault_line: str | None = None
 
 
 class AnalogInputsConfig(Section):
@@ -202,110 +184,6 @@ class WatchdogConfig(Section):
     give_up_s: Annotated[FiniteFloat, Field(gt=0.0, le=3600.0)] = 60.0
 
 
-class SimulatedForceSensorConfig(Section):
-    """The simulated rig's own."""
-
-    kind: Literal["simulated"]
-
-
-class NiForceSensorConfig(Section):
-    """An ATI transducer on the card of `[analog_inputs]`: six channels, gauges 0 to 5 in order.
-
-    The calibration file's path counts from the rig's file.
-    """
-
-    kind: Literal["ni"]
-    gauges: Annotated[list[str], Field(min_length=6, max_length=6)]
-    calibration_file: str
-    samples_per_reading: Annotated[int, Field(ge=1, le=100_000)]
-    samples_per_bias: Annotated[int, Field(ge=1, le=1_000_000)]
-    normal_axis: Axis
-    lateral_axis: Axis
-
-
-class NetFtForceSensorConfig(Section):
-    """An ATI Net F/T box; see `hw.force.net_ft.NetFtSettings`."""
-
-    kind: Literal["net_ft"]
-    host: str
-    port: Port = 49152
-    counts_per_n: Positive
-    counts_per_n_m: Positive
-    timeout_s: Annotated[FiniteFloat, Field(gt=0.0, le=5.0)] = 0.1
-    ignored_status: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
-    f_t_sequence_advances: bool = True
-    bias_tolerance_n: Positive = 0.2
-    normal_axis: Axis
-    lateral_axis: Axis
-
-
-ForceSensorConfig = Annotated[
-    SimulatedForceSensorConfig | NiForceSensorConfig | NetFtForceSensorConfig, Field(discriminator="kind")
-]
-
-
-class NoAnalogOutput(Section):
-    """No fast envelope: amplitudes go over SCPI."""
-
-    kind: Literal["none"] = "none"
-
-
-class SomeAnalogOutput(Vouched):
-    """What every analog output has; see `hw.analog.output.AnalogOutputSettings`.
-
-    `lead_s`: the envelope is written so far ahead of what is played. So late may the driver be without a gap, and so
-    much later is the voltage there.
-    """
-
-    low_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
-    high_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
-    zero_level_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
-    sample_rate_limit_hz: Positive
-    buffer_s: Seconds = 0.1
-    lead_s: Annotated[FiniteFloat, Field(ge=0.0005, le=1.0)] = 0.003
-    lease_s: Seconds = 0.5
-    timeout_s: Seconds = 0.5
-
-    @model_validator(mode="after")
-    def _ordered_levels(self) -> SomeAnalogOutput:
-        if self.lead_s > self.buffer_s:
-            raise ValueError("lead_s must not be above buffer_s")
-        if not (self.low_v <= self.zero_level_v <= self.high_v and self.low_v < self.high_v):
-            raise ValueError("low_v <= zero_level_v <= high_v must hold, with low_v < high_v")
-        return self
-
-
-class SimulatedAnalogOutputConfig(SomeAnalogOutput):
-    """The simulated rig's own."""
-
-    kind: Literal["simulated"]
-
-
-class NiAnalogOutputConfig(SomeAnalogOutput):
-    """An analog output of an NI card."""
-
-    kind: Literal["ni"]
-    channel: str
-
-
-class SoundAnalogOutputConfig(SomeAnalogOutput):
-    """One channel of a sound card; see `hw.analog.sound_card`."""
-
-    kind: Literal["sound"]
-    device: str | int | None = None
-    channel: Annotated[int, Field(ge=0, le=31)] = 0
-    sample_rate_hz: Positive
-    full_scale_v: Positive
-    dc_coupled: bool
-    latency_s: Seconds = 0.02
-
-
-AnalogOutputConfig = Annotated[
-    NoAnalogOutput | SimulatedAnalogOutputConfig | NiAnalogOutputConfig | SoundAnalogOutputConfig,
-    Field(discriminator="kind"),
-]
-
-
 class StageConfig(Section):
     """A Thorlabs LTS150; see `hw.stage.lts150.StageSettings`."""
 
@@ -315,48 +193,6 @@ class StageConfig(Section):
     acceleration_m_s2: Positive
     velocity_limit_m_s: Positive
     acceleration_limit_m_s2: Positive
-
-
-class NoFingerTracker(Section):
-    """Nobody tells where the finger is."""
-
-    kind: Literal["none"] = "none"
-
-
-class StageFingerConfig(Section):
-    """The finger rides on the stage."""
-
-    kind: Literal["stage"]
-    origin_m: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
-    direction: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)] = [1.0, 0.0]
-
-
-class EvdevFingerConfig(Section):
-    """A touch screen by its event device; `matrix_m` takes (x_raw, y_raw, 1) to metres.
-
-    `report_rate_hz` is how often it tells, for the latency by which positions are extrapolated.
-    """
-
-    kind: Literal["evdev"]
-    device: str
-    report_rate_hz: Positive = 100.0
-    matrix_m: Annotated[
-        list[Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]], Field(min_length=2, max_length=2)
-    ]
-    measured_at: datetime.date
-    placeholder: bool
-
-
-class RecordedFingerConfig(Section):
-    """A slide played back; the path of the CSV counts from the rig's file."""
-
-    kind: Literal["recorded"]
-    file: str
-
-
-FingerTrackerConfig = Annotated[
-    NoFingerTracker | StageFingerConfig | EvdevFingerConfig | RecordedFingerConfig, Field(discriminator="kind")
-]
 
 
 class OutputConfig(Section):
@@ -398,7 +234,7 @@ class SimulationConfig(Section):
     force_range_n: Positive = 20.0
     seed: int = 1
     model: str | None = None
-    hide: dict[str, dict[str, FiniteFloat]] = {}
+    hide: dict[str, dict[str, FiniteFloat]] = Field(default={})
 
 
 class RigConfig(Section):
@@ -408,15 +244,15 @@ class RigConfig(Section):
     simulated: bool
     limits: LimitsConfig
     waveform_generator: GeneratorConfig
-    amplifier: AmplifierConfig
+    amplifier: SomeAmplifier
     safety: SafetySettings = SafetySettings()
     analog_inputs: AnalogInputsConfig | None = None
     interlock: InterlockConfig = NoInterlock()
     watchdog: WatchdogConfig | None = None
-    force_sensor: ForceSensorConfig | None = None
-    analog_output: AnalogOutputConfig = NoAnalogOutput()
+    force_sensor: SomeForceSensor | None = None
+    analog_output: SomeOutput = NoAnalogOutput()
     stage: StageConfig | None = None
-    finger_tracker: FingerTrackerConfig = NoFingerTracker()
+    finger_tracker: SomeTracker = NoFingerTracker()
     output: OutputConfig = OutputConfig()
     finger: FingerConfig = FingerConfig()
     controller: ControllerConfig = ControllerConfig()
@@ -446,6 +282,13 @@ class RigConfig(Section):
             missing.append('watchdog.generator (a resource, or "none")')
         return missing
 
+    def generator_kind(self) -> generators.GeneratorKind:
+        """The installed kind of waveform generator; BadInputError where its package cannot be loaded."""
+        try:
+            return generators.generator_kind(self.waveform_generator.model)
+        except ValueError as error:
+            raise BadInputError("bad_generator", str(error), "mend or install the package that brings it") from error
+
     def operating_limits(self) -> OperatingLimits:
         """The limits as the controller and the safety gate use them."""
         limits = self.limits
@@ -469,11 +312,12 @@ def load_rig(name_or_path: str) -> RigConfig:
 
 def _with_whole_paths(rig: RigConfig, folder: Path) -> RigConfig:
     """Files that a rig's file names are looked for beside it."""
-    changed: dict[str, Any] = {}
-    if isinstance(sensor := rig.force_sensor, NiForceSensorConfig):
-        changed["force_sensor"] = sensor.model_copy(update={"calibration_file": str(folder / sensor.calibration_file)})
-    if isinstance(tracker := rig.finger_tracker, RecordedFingerConfig):
-        changed["finger_tracker"] = tracker.model_copy(update={"file": str(folder / tracker.file)})
+    parts = {name: getattr(rig, name) for name in RigConfig.model_fields}
+    changed = {
+        name: part.model_copy(update={key: str(folder / getattr(part, key)) for key in part.files})
+        for name, part in parts.items()
+        if isinstance(part, PartSection) and part.files
+    }
     return rig.model_copy(update=changed)
 
 
@@ -530,7 +374,8 @@ def _not_watched(rig: RigConfig) -> Iterator[str]:
 
 def _not_wired(rig: RigConfig) -> Iterator[str]:
     monitors = [rig.amplifier.voltage_monitor, rig.amplifier.current_monitor]
-    if rig.analog_inputs is None and (any(monitors) or isinstance(rig.force_sensor, NiForceSensorConfig)):
+    parts = [part for part in (rig.force_sensor, rig.amplifier, rig.finger_tracker) if part is not None]
+    if rig.analog_inputs is None and any(part.channels for part in parts):
         yield "force_sensor or amplifier name channels of a card, and there is no section [analog_inputs]"
     if any(monitors) and rig.analog_inputs is not None:
         window_s, carrier_hz = rig.analog_inputs.monitor_window_s, rig.controller.lowest_carrier_hz
@@ -541,11 +386,14 @@ def _not_wired(rig: RigConfig) -> Iterator[str]:
             )
         if window_s >= rig.safety.settle_s:
             yield f"analog_inputs.monitor_window_s {window_s:g} is not below safety.settle_s {rig.safety.settle_s:g}"
-    if isinstance(rig.finger_tracker, StageFingerConfig) and rig.stage is None:
-        yield 'finger_tracker.kind is "stage", and there is no section [stage]'
+    if any(part.needs_stage for part in parts) and rig.stage is None:
+        yield f'finger_tracker.kind is "{rig.finger_tracker.kind}", and there is no section [stage]'
     modulation = rig.waveform_generator.modulation_input
     if isinstance(rig.analog_output, NoAnalogOutput):
         return
+    if not rig.generator_kind().external_modulation:
+        model = rig.waveform_generator.model
+        yield f"analog_output: {model} is not modulated from outside by its driver; leave the section out"
     if modulation is None:
         yield "analog_output needs waveform_generator.modulation_input: what a level there does to the amplitude"
     elif rig.analog_output.zero_level_v != -modulation.full_scale_v:

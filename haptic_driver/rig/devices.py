@@ -6,33 +6,36 @@ resource; a simulated instrument behind the same name is driven the same way.
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil
-from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig import config as rig_config
-from haptic_driver.rig.config import NO_WATCHDOG, RigConfig
+from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import OffEvidence
-from haptic_driver.rig.rig import Rig, build_rig
-from haptic_driver.rig.slide import read_slide
+from haptic_driver.rig.part import (
+    AMPLIFIERS,
+    ANALOG_OUTPUTS,
+    FINGER_TRACKERS,
+    FORCE_SENSORS,
+    NO_WATCHDOG,
+    Wiring,
+    make_part,
+)
+from haptic_driver.rig.rig import Rig
 from haptic_driver.rig.states import RigEvent
 from hw.analog.lines import AnalogInput, DigitalInput, DigitalOutput, Heartbeat
-from hw.analog.ni_daq import NiAnalogInput, NiAnalogInputs, NiAnalogOutput, NiDigitalInput, NiDigitalOutput
-from hw.analog.output import AnalogOutput, AnalogOutputSettings
-from hw.analog.sound_card import SoundCardOutput
+from hw.analog.ni_daq import NiAnalogInput, NiAnalogInputs, NiDigitalInput, NiDigitalOutput
+from hw.analog.output import AnalogOutput
 from hw.errors import DeviceError
-from hw.finger.touch_screen import TouchCalibration, open_touch_screen
-from hw.finger.tracker import FingerTracker, RecordedFinger, StageFinger
-from hw.force.ati_calibration import AtiCalibration
-from hw.force.net_ft import NetFt, NetFtScale, NetFtSettings
-from hw.force.sensor import ForceAxes, ForceSensor, GaugeForceSensor
+from hw.finger.tracker import FingerTracker
+from hw.force.sensor import ForceSensor
+from hw.generator.settings import GeneratorSettings, ModulationInput, RangePolicy
 from hw.safety.interlock import HeartbeatInterlock, ModemLine
 from hw.safety.watchdog import Watchdog, WatchdogSettings
 from hw.stage.lts150 import Lts150, StageSettings
@@ -40,8 +43,6 @@ from hw.transport.contract import Transport
 from hw.transport.marker import scpi_marker
 from hw.transport.resource import make_transport
 from hw.transport.serial import SerialTransport
-
-STAGE_INTERVAL_S = 0.005  # between questions for the stage's place
 
 
 @dataclass(frozen=True)
@@ -108,20 +109,62 @@ def connect_devices(
     watchdog = parts.watchdog()
     enable, heartbeats = parts.interlock()
     output = parts.analog_output()
-    rig = build_rig(
-        config,
-        transport or generator_transport(config),
-        force_sensor,
-        enable,
-        parts.monitor(config.amplifier.voltage_monitor),
-        current_monitor=parts.monitor(config.amplifier.current_monitor),
+    amplifier = config.amplifier
+    lines = Wiring(
+        enable=enable,
+        voltage_monitor=parts.monitor(amplifier.voltage_monitor),
+        current_monitor=parts.monitor(amplifier.current_monitor),
         fault=parts.fault_line(),
-        modulated=output is not None,
-        heartbeats=[*heartbeats, *([watchdog] if watchdog else [])],
-        on_event=on_event,
     )
+    beaten = [*heartbeats, *([watchdog] if watchdog else [])]
+    rig = build_rig(
+        config, transport or generator_transport(config), force_sensor, lines,
+        modulated=output is not None, heartbeats=beaten, on_event=on_event,
+    )  # fmt: skip
     opening = [*parts.before_rig, rig.connect, *parts.after_rig]
     return Devices(rig, force_sensor, tracker, stage, output, watchdog, opening, parts.closing)
+
+
+def build_rig(
+    config: RigConfig,
+    transport: Transport,
+    force_sensor: ForceSensor,
+    lines: Wiring,
+    *,
+    modulated: bool = False,
+    heartbeats: Sequence[Heartbeat] = (),
+    on_event: Callable[[RigEvent], None] = lambda event: None,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Rig:
+    """The devices of `config`, its generator behind `transport` and its amplifier on `lines`; nothing is opened yet."""
+    generator = config.generator_kind().make(transport, generator_settings(config))
+    amplifier = make_part(AMPLIFIERS, config.amplifier, lines)
+    if amplifier is None:
+        raise BadInputError("no_amplifier", f"rig {config.name} names no amplifier", "correct amplifier.kind")
+    return Rig(
+        config, generator, amplifier.device, force_sensor,
+        modulated=modulated, heartbeats=heartbeats, on_event=on_event, sleep=sleep,
+    )  # fmt: skip
+
+
+def generator_settings(config: RigConfig) -> GeneratorSettings:
+    """The generator's share of a rig's file, and the rig's limits as its driver and last gate know them."""
+    generator = config.waveform_generator
+    return GeneratorSettings(
+        volts_per_volt=config.amplifier.gain_v_per_v,
+        voltage_limit_v=config.limits.voltage_v,
+        frequency_low_hz=config.limits.frequency_hz[0],
+        frequency_high_hz=config.limits.frequency_hz[1],
+        reply_timeout_s=generator.reply_timeout_s,
+        range_policy=RangePolicy(generator.range_policy),
+        modulation_input=modulation_input(config),
+    )
+
+
+def modulation_input(config: RigConfig) -> ModulationInput | None:
+    """What Modulation In does, by a rig's file; None where nobody has measured it."""
+    given = config.waveform_generator.modulation_input
+    return None if given is None else ModulationInput(given.full_scale_v, given.amplitude_at_full_scale)
 
 
 def calibration_ids(config: RigConfig) -> dict[str, str]:
@@ -134,16 +177,8 @@ def calibration_ids(config: RigConfig) -> dict[str, str]:
         for name, section in {"limits": config.limits, "amplifier": config.amplifier}.items()
         if section.verified
     }
-    match config.force_sensor:
-        case rig_config.NiForceSensorConfig(calibration_file=file):
-            sensor = AtiCalibration.from_file(Path(file))
-            content = hashlib.sha256(Path(file).read_bytes()).hexdigest()
-            ids["force_sensor"] = f"{sensor.serial}, calibrated {sensor.calibrated_on}, SHA-256 {content}"
-        case rig_config.NetFtForceSensorConfig() as box:
-            ids["force_sensor"] = f"{box.counts_per_n:g} counts per N, {box.counts_per_n_m:g} per N m"
-    if isinstance(screen := config.finger_tracker, rig_config.EvdevFingerConfig):
-        ids["touch_screen"] = f"{screen.measured_at}{', placeholder' if screen.placeholder else ''}"
-    return ids
+    parts = {"force_sensor": config.force_sensor, "touch_screen": config.finger_tracker}
+    return ids | {name: said for name, part in parts.items() if part is not None and (said := part.calibration())}
 
 
 def generator_transport(config: RigConfig) -> Transport:
@@ -165,25 +200,16 @@ class _Parts:
         self._inputs = self._analog_inputs()
 
     def force_sensor(self) -> ForceSensor:
-        match self._config.force_sensor:
-            case rig_config.NiForceSensorConfig() as ni if self._inputs is not None:
-                gauges = GaugeForceSensor(
-                    self._inputs.columns(ni.gauges),
-                    AtiCalibration.from_file(Path(ni.calibration_file)),
-                    ForceAxes(ni.normal_axis, ni.lateral_axis),
-                    samples_per_reading=ni.samples_per_reading,
-                    samples_per_bias=ni.samples_per_bias,
-                )
-                self.after_rig.append(gauges.take_bias)
-                return gauges
-            case rig_config.NetFtForceSensorConfig() as box:
-                net_ft = NetFt(net_ft_settings(box))
-                self.after_rig += [net_ft.open, net_ft.take_bias]
-                self.closing.insert(0, net_ft.close)
-                return net_ft
-        raise BadInputError(
-            "no_force_sensor", f"rig {self._config.name} names no force sensor", "add a section [force_sensor]"
-        )
+        sensor = self._config.force_sensor
+        part = None if sensor is None else make_part(FORCE_SENSORS, sensor, Wiring(self._inputs))
+        if part is None:
+            raise BadInputError(
+                "no_force_sensor", f"rig {self._config.name} names no force sensor", "add a section [force_sensor]"
+            )
+        self.after_rig += part.opening
+        self.closing[:0] = part.closing
+        device: ForceSensor = part.device
+        return device
 
     def monitor(self, channel: str | None) -> AnalogInput | None:
         """By its peak: the mean of an alternating voltage says nothing."""
@@ -223,7 +249,8 @@ class _Parts:
         given = self._config.watchdog
         if given is None or given.generator == NO_WATCHDOG:
             return None
-        watchdog = Watchdog(WatchdogSettings(**given.model_dump()))
+        model = self._config.waveform_generator.model
+        watchdog = Watchdog(WatchdogSettings(**given.model_dump(), model=model))
         self.before_rig.append(watchdog.start)
         self.closing.insert(0, watchdog.close)
         return watchdog
@@ -239,51 +266,30 @@ class _Parts:
         return stage
 
     def tracker(self, stage: Lts150 | None) -> FingerTracker | None:
-        match self._config.finger_tracker:
-            case rig_config.StageFingerConfig(origin_m=(x_m, y_m), direction=(dx, dy)) if stage is not None:
-                finger = StageFinger(
-                    stage.read_status, origin_m=(x_m, y_m), direction=(dx, dy), interval_s=STAGE_INTERVAL_S
-                )
-                self.after_rig.append(finger.start)
-                self.closing.insert(0, finger.close)
-                return finger
-            case rig_config.EvdevFingerConfig() as screen:
-                touch_screen = open_touch_screen(screen.device, touch_calibration(screen))
-                self.closing.insert(0, touch_screen.close)
-                return touch_screen
-            case rig_config.RecordedFingerConfig(file=file):
-                return _recorded(Path(file))
-        return None
+        part = make_part(FINGER_TRACKERS, self._config.finger_tracker, Wiring(self._inputs, stage))
+        if part is None:
+            return None
+        self.after_rig += part.opening
+        self.closing[:0] = part.closing
+        device: FingerTracker = part.device
+        return device
 
     def analog_output(self) -> AnalogOutput | None:
-        given = self._config.analog_output
-        output: AnalogOutput
-        match given:
-            case rig_config.NiAnalogOutputConfig():
-                output = NiAnalogOutput(given.channel, output_settings(given))
-            case rig_config.SoundAnalogOutputConfig():
-                output = SoundCardOutput(
-                    given.device,
-                    output_settings(given),
-                    sample_rate_hz=given.sample_rate_hz,
-                    full_scale_v=given.full_scale_v,
-                    dc_coupled=given.dc_coupled,
-                    channel=given.channel,
-                    latency_s=given.latency_s,
-                )
-            case _:
-                return None
-        self.before_rig.append(output.open)  # at its zero level before the carrier can come
-        self.closing.append(output.close)
-        return output
+        """At its zero level before the carrier can come, and after it has gone."""
+        part = make_part(ANALOG_OUTPUTS, self._config.analog_output, Wiring(self._inputs))
+        if part is None:
+            return None
+        self.before_rig += part.opening
+        self.closing += part.closing
+        device: AnalogOutput = part.device
+        return device
 
     def _analog_inputs(self) -> NiAnalogInputs | None:
-        card, sensor, amplifier = self._config.analog_inputs, self._config.force_sensor, self._config.amplifier
+        config, card = self._config, self._config.analog_inputs
         if card is None:
             return None
-        gauges = sensor.gauges if isinstance(sensor, rig_config.NiForceSensorConfig) else []
-        monitors = [channel for channel in (amplifier.voltage_monitor, amplifier.current_monitor) if channel]
-        inputs = analog_inputs(card, [*gauges, *monitors])
+        parts = [part for part in (config.force_sensor, config.finger_tracker, config.amplifier) if part is not None]
+        inputs = analog_inputs(card, [channel for part in parts for channel in part.channels])
         self.before_rig.append(inputs.open)
         self.closing.append(inputs.close)
         return inputs
@@ -306,55 +312,11 @@ def peak_of(card: rig_config.AnalogInputsConfig, inputs: NiAnalogInputs, channel
     return NiAnalogInput(inputs, channel, samples=max(1, ceil(card.monitor_window_s * card.sample_rate_hz)), peak=True)
 
 
-def net_ft_settings(box: rig_config.NetFtForceSensorConfig) -> NetFtSettings:
-    """The box's share of a rig's file."""
-    return NetFtSettings(
-        box.host,
-        NetFtScale(box.counts_per_n, box.counts_per_n_m),
-        ForceAxes(box.normal_axis, box.lateral_axis),
-        port=box.port,
-        timeout_s=box.timeout_s,
-        ignored_status=box.ignored_status,
-        f_t_sequence_advances=box.f_t_sequence_advances,
-        bias_tolerance_n=box.bias_tolerance_n,
-    )
-
-
 def stage_settings(given: rig_config.StageConfig) -> StageSettings:
     """The stage's share of a rig's file."""
     low_m, high_m = given.travel_m
     return StageSettings(low_m, high_m, **given.model_dump(exclude={"resource", "travel_m"}))
 
 
-def output_settings(given: rig_config.SomeAnalogOutput) -> AnalogOutputSettings:
-    """The analog output's share of a rig's file."""
-    return AnalogOutputSettings(
-        given.low_v,
-        given.high_v,
-        given.zero_level_v,
-        given.sample_rate_limit_hz,
-        given.buffer_s,
-        given.lease_s,
-        given.timeout_s,
-    )
-
-
-def touch_calibration(screen: rig_config.EvdevFingerConfig) -> TouchCalibration:
-    """The touch screen's share of a rig's file; BadInputError for a matrix that is no map of a plane."""
-    (a, b, c), (d, e, f) = screen.matrix_m
-    try:
-        return TouchCalibration(((a, b, c), (d, e, f)), screen.measured_at, screen.placeholder)
-    except ValueError as error:
-        said, hint = f"finger_tracker.matrix_m: {error}", "Measure it with haptic calibrate-touch"
-        raise BadInputError("bad_config", said, hint) from error
-
-
 def _rts_of(transport: Transport) -> Callable[[bool], bool] | None:
     return transport.set_rts if isinstance(transport, SerialTransport) else None
-
-
-def _recorded(path: Path) -> RecordedFinger:
-    slide = read_slide(path)
-    return RecordedFinger(
-        slide.time_s, slide.position_m, 0.0 * slide.position_m, slide.normal_force_n > 0.0, clock=time.monotonic
-    )

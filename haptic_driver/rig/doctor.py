@@ -18,22 +18,30 @@ from typing import NamedTuple, Protocol
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.real_time import PRIORITY
 from haptic_driver.rig import config as rig_config
-from haptic_driver.rig.config import NO_WATCHDOG, RigConfig, Vouched
+from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import (
     analog_inputs,
+    generator_settings,
     generator_transport,
-    net_ft_settings,
     peak_of,
     stage_settings,
-    touch_calibration,
 )
 from haptic_driver.rig.evidence import MONITOR_QUIET_V
+from haptic_driver.rig.part import NO_WATCHDOG, Vouched
+from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
+from haptic_driver.rig.parts.finger_trackers import (
+    EvdevFingerConfig,
+    NoFingerTracker,
+    RecordedFingerConfig,
+    StageFingerConfig,
+)
+from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig, NiForceSensorConfig
 from hw.analog.ni_daq import NiDigitalInput
 from hw.errors import BadReply, DeviceError
 from hw.finger.touch_screen import open_touch_reports
 from hw.force.ati_calibration import AtiCalibration
 from hw.force.net_ft import NetFt
-from hw.generator.agilent_33220a.driver import AMPLITUDE_HIGH_VPP, MODEL
+from hw.generator.contract import GeneratorKind, GeneratorReport
 from hw.safety.interlock import IDENTITY
 from hw.stage import apt
 from hw.stage.lts150 import Lts150
@@ -41,9 +49,7 @@ from hw.transport.contract import Transport
 from hw.transport.resource import make_transport
 
 OLD_AFTER = datetime.timedelta(days=365)
-OPEN_LOAD_OHM = 9.9e37
 CALIBRATE_TOUCH = "measure it by touching known places: haptic calibrate-touch"
-_FIRMWARE = re.compile(r"\d+\.\d+-\d+\.\d+-\d+-\d+")
 
 
 class Status(enum.Enum):
@@ -164,63 +170,53 @@ def _real_time() -> Checks:
 
 def _generator(config: RigConfig) -> Checks:
     transport = generator_transport(config)
-    timeout_s = config.waveform_generator.reply_timeout_s
+    kind = config.generator_kind()
     with _failures("waveform generator", transport) as failed:
-        transport.open()
-        identity = _ask(transport, "*IDN?", timeout_s)
-        maker, model, serial_number, firmware = (identity + ",,,").split(",")[:4]
-        if model.strip() != MODEL:
-            raise BadReply(
-                f"{transport.resource} is {identity!r}, not a {MODEL}", "check the address in the rig's file"
-            )
-        yield Check("waveform generator", Status.OK, f"{maker} {model}, serial number {serial_number}")
-        yield _firmware(firmware.strip())
-        yield from _generator_settings(config, transport, timeout_s)
+        found = kind.make(transport, generator_settings(config)).identify()
+        yield Check("waveform generator", Status.OK, f"{found.identity}, serial number {found.serial_number}")
+        yield Check(
+            "firmware", Status.NOT_VERIFIED, f"{found.firmware}; couplings and clipping are those of manuals",
+        )  # fmt: skip
+        yield from _generator_state(found)
+        yield from _voltage_limit(config, kind)
         yield from _watchdog(config)  # while the driver's connection is open, as it will be
     yield from failed
 
 
-def _firmware(firmware: str) -> Check:
-    if not _FIRMWARE.fullmatch(firmware):
-        return Check("firmware", Status.WARNING, f"{firmware!r} is of no known form", "tell what it is")
-    return Check(
-        "firmware",
-        Status.NOT_VERIFIED,
-        f"{firmware}; couplings and clipping are those of a sibling instrument's manual",
-    )
-
-
-def _generator_settings(config: RigConfig, transport: Transport, timeout_s: float) -> Checks:
-    output, unit = (_ask(transport, query, timeout_s) for query in ("OUTP?", "VOLT:UNIT?"))
-    load_ohm, vpp, offset_v = (
-        float(_ask(transport, query, timeout_s)) for query in ("OUTP:LOAD?", "VOLT?", "VOLT:OFFS?")
-    )
-    programmed = f"{_ask(transport, 'FUNC?', timeout_s)}, {vpp:g} {unit}, offset {offset_v:g} V"
-    if output == "0":
-        yield Check("output", Status.OK, f"off; programmed: {programmed}")
-    else:
+def _generator_state(found: GeneratorReport) -> Checks:
+    if found.output_on:
         yield Check(
-            "output", Status.WARNING, f"ON, {programmed}: somebody uses it", "switch it off before working here"
+            "output", Status.WARNING, f"ON, {found.programmed}: somebody uses it", "switch it off before working here"
         )
-    if load_ohm >= OPEN_LOAD_OHM:
-        yield Check("load setting", Status.OK, "INF: programmed volts are volts at the amplifier's input")
+    else:
+        yield Check("output", Status.OK, f"off; programmed: {found.programmed}")
+    if found.load_open:
+        yield Check("load setting", Status.OK, "open: programmed volts are volts at the amplifier's input")
     else:
         yield Check(
             "load setting", Status.WARNING,
-            f"{load_ohm:g} ohm: at the amplifier's high-impedance input the voltage is up to twice what is programmed",
-            "connecting the driver sets INF; by hand, set it before the output is switched on",
+            "not open: at the amplifier's high-impedance input the voltage is up to twice what is programmed",
+            "connecting the driver corrects it; by hand, correct it before the output is switched on",
         )  # fmt: skip
-    reach_v = 0.5 * AMPLITUDE_HIGH_VPP * config.amplifier.gain_v_per_v
+
+
+def _voltage_limit(config: RigConfig, kind: GeneratorKind) -> Checks:
+    reach_v = 0.5 * kind.amplitude_high_vpp * config.amplifier.gain_v_per_v
     limit_v = config.limits.voltage_v
     if reach_v < limit_v:
         yield Check(
             "voltage limit", Status.WARNING, f"the generator reaches {reach_v:g} V, the limit is {limit_v:g} V",
             "check amplifier.gain_v_per_v",
         )  # fmt: skip
+    keeper = (
+        "this program, and by the generator once it is connected"
+        if kind.limits_itself
+        else "this program alone: the generator's driver sets no limit of the instrument's own"
+    )
     yield Check(
         "voltage limit", Status.NOT_VERIFIED,
-        f"{limit_v:g} V is kept by this program alone: the generator is not known to have a limit of its own, and with "
-        f"this amplifier it could ask for {min(reach_v, config.amplifier.voltage_limit_v):g} V",
+        f"{limit_v:g} V is kept by {keeper}; with this amplifier it could ask for "
+        f"{min(reach_v, config.amplifier.voltage_limit_v):g} V",
         "limit the amplifier in hardware where it can be",
     )  # fmt: skip
 
@@ -236,7 +232,10 @@ def _watchdog(config: RigConfig) -> Checks:
     transport = make_transport(given.generator)
     with _failures("watchdog", transport) as failed:
         transport.open()
-        _ask(transport, "OUTP?", given.reply_timeout_s)
+        kind = config.generator_kind()
+        reply = transport.query(kind.ask_off, given.reply_timeout_s).strip()
+        if not kind.off_answers.fullmatch(reply):
+            raise BadReply(f"{transport.resource} answered {reply[:80]!r}", "check watchdog.generator")
         yield Check("watchdog", Status.OK, f"{transport.resource} answers beside the driver's connection")
         yield Check(
             "watchdog switching off", Status.NOT_VERIFIED, "it is not started here", "kill an armed driver once"
@@ -336,8 +335,8 @@ def _interlock(config: RigConfig) -> Checks:
 
 def _force_sensor(config: RigConfig) -> Checks:
     match config.force_sensor:
-        case rig_config.NetFtForceSensorConfig() as box:
-            net_ft = NetFt(net_ft_settings(box))
+        case NetFtForceSensorConfig() as box:
+            net_ft = NetFt(box.settings())
             with _failures("force sensor", net_ft) as failed:
                 net_ft.open()
                 reading = net_ft.read()
@@ -346,15 +345,17 @@ def _force_sensor(config: RigConfig) -> Checks:
                 yield Check("force sensor", status, f"{said}, status {net_ft.status_raw:#010x}")
                 yield Check("force scale", Status.NOT_VERIFIED, "counts and axes", "hang a known weight on it")
             yield from failed
-        case rig_config.NiForceSensorConfig() as ni:
+        case NiForceSensorConfig() as ni:
             yield from _gauges(config, ni)
-        case _:
+        case None:
             yield Check(
                 "force sensor", Status.FAILED, "there is none in the rig's file", "add a section [force_sensor]"
             )
+        case other:
+            yield Check("force sensor", Status.NOT_VERIFIED, f"{other.kind}: how to ask it is not known here")
 
 
-def _gauges(config: RigConfig, ni: rig_config.NiForceSensorConfig) -> Checks:
+def _gauges(config: RigConfig, ni: NiForceSensorConfig) -> Checks:
     card = config.analog_inputs
     assert card is not None  # or the file would have been refused
     inputs = analog_inputs(card, ni.gauges)
@@ -404,27 +405,29 @@ def _stage_info(transport: Transport, timeout_s: float) -> apt.Info:
 
 def _finger_tracker(config: RigConfig, today: datetime.date) -> Checks:
     match config.finger_tracker:
-        case rig_config.EvdevFingerConfig() as screen:
+        case EvdevFingerConfig() as screen:
             yield _touch_calibration(screen, today)
             with _failures("touch screen") as failed:
                 open_touch_reports(screen.device).close()
                 yield Check("touch screen", Status.OK, screen.device)
             yield from failed
-        case rig_config.RecordedFingerConfig(file=file):
+        case RecordedFingerConfig(file=file):
             there = Path(file).is_file()
             yield Check(
                 "finger tracker", Status.OK if there else Status.FAILED, f"plays {file}{'' if there else ': missing'}"
             )
-        case rig_config.StageFingerConfig():
+        case StageFingerConfig():
             yield Check("finger tracker", Status.NOT_VERIFIED, "the stage carries the finger: see the stage")
-        case _:
+        case NoFingerTracker():
             yield Check("finger tracker", Status.NOT_VERIFIED, "there is none: nothing can be rendered by position")
+        case other:
+            yield Check("finger tracker", Status.NOT_VERIFIED, f"{other.kind}: how to ask it is not known here")
 
 
-def _touch_calibration(screen: rig_config.EvdevFingerConfig, today: datetime.date) -> Check:
+def _touch_calibration(screen: EvdevFingerConfig, today: datetime.date) -> Check:
     name = "touch calibration"
     try:
-        calibration = touch_calibration(screen)
+        calibration = screen.touch_calibration()
     except BadInputError as error:
         return Check(name, Status.FAILED, error.message, CALIBRATE_TOUCH)
     if calibration.placeholder:
@@ -435,7 +438,7 @@ def _touch_calibration(screen: rig_config.EvdevFingerConfig, today: datetime.dat
 
 def _analog_output(config: RigConfig) -> Checks:
     given = config.analog_output
-    if isinstance(given, rig_config.NoAnalogOutput):
+    if isinstance(given, NoAnalogOutput):
         yield Check("envelope", Status.OK, "amplitudes go over SCPI; there is no analog output")
         return
     yield Check(

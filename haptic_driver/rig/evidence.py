@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from hw.amplifier.analog import AmplifierState, AnalogAmplifier
-from hw.generator.agilent_33220a.driver import Agilent33220A
+from hw.generator.contract import Generator
 
 MONITOR_QUIET_V = 5.0  # at the electrode; what a monitor may read without anything being on
 MONITOR_POLL_S = 0.01
@@ -37,7 +37,7 @@ class OffEvidence:
 
 
 def switch_off(
-    generator: Agilent33220A, amplifier: AnalogAmplifier, settle_s: float, sleep: Callable[[float], None]
+    generator: Generator, amplifier: AnalogAmplifier, settle_s: float, sleep: Callable[[float], None]
 ) -> OffEvidence:
     """Off, and a look at what came of it: no lock, no check.
 

@@ -18,12 +18,11 @@ from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.states import Happening, RigEvent, RigState, Withdrawn
 from haptic_driver.rig.switch import OutputSwitch
 from haptic_driver.signals import DriveCommand
-from hw.amplifier.analog import AmplifierSettings, AnalogAmplifier
-from hw.analog.lines import AnalogInput, DigitalInput, DigitalOutput, Heartbeat
+from hw.amplifier.analog import AnalogAmplifier
+from hw.analog.lines import Heartbeat
 from hw.errors import DeviceError, LimitExceeded
 from hw.force.sensor import ForceReading, ForceSensor
-from hw.generator.agilent_33220a.driver import Agilent33220A, GeneratorSettings, ModulationInput, RangePolicy
-from hw.transport.contract import Transport
+from hw.generator.contract import Generator
 
 ROUNDING = 1.0 + 1e-6
 
@@ -66,7 +65,7 @@ class Rig:
     def __init__(
         self,
         config: RigConfig,
-        generator: Agilent33220A,
+        generator: Generator,
         amplifier: AnalogAmplifier,
         force_sensor: ForceSensor,
         *,
@@ -253,66 +252,3 @@ class Rig:
         except BaseException:
             self.off()
             raise
-
-
-def build_rig(
-    config: RigConfig,
-    transport: Transport,
-    force_sensor: ForceSensor,
-    enable: DigitalOutput | None,
-    voltage_monitor: AnalogInput | None,
-    *,
-    current_monitor: AnalogInput | None = None,
-    fault: DigitalInput | None = None,
-    modulated: bool = False,
-    heartbeats: Sequence[Heartbeat] = (),
-    on_event: Callable[[RigEvent], None] = lambda event: None,
-    sleep: Callable[[float], None] = time.sleep,
-) -> Rig:
-    """The devices of `config` on the given lines; nothing is opened yet."""
-    generator = Agilent33220A(transport, generator_settings(config))
-    lines = AnalogAmplifier(
-        amplifier_settings(config), enable, voltage_monitor, current_monitor=current_monitor, fault=fault
-    )
-    return Rig(
-        config, generator, lines, force_sensor,
-        modulated=modulated, heartbeats=heartbeats, on_event=on_event, sleep=sleep,
-    )  # fmt: skip
-
-
-def generator_settings(config: RigConfig) -> GeneratorSettings:
-    """The generator's share of a rig's file, and the rig's limits as its driver and last gate know them."""
-    generator = config.waveform_generator
-    return GeneratorSettings(
-        volts_per_volt=config.amplifier.gain_v_per_v,
-        voltage_limit_v=config.limits.voltage_v,
-        frequency_low_hz=config.limits.frequency_hz[0],
-        frequency_high_hz=config.limits.frequency_hz[1],
-        reply_timeout_s=generator.reply_timeout_s,
-        upload_timeout_s=generator.upload_timeout_s,
-        range_policy=RangePolicy(generator.range_policy),
-        modulation_input=modulation_input(config),
-        binary_upload=generator.binary_upload,
-    )
-
-
-def modulation_input(config: RigConfig) -> ModulationInput | None:
-    """What Modulation In does, by a rig's file; None where nobody has measured it."""
-    given = config.waveform_generator.modulation_input
-    return None if given is None else ModulationInput(given.full_scale_v, given.amplitude_at_full_scale)
-
-
-def amplifier_settings(config: RigConfig) -> AmplifierSettings:
-    """The amplifier's share of a rig's file."""
-    amplifier = config.amplifier
-    return AmplifierSettings(
-        gain_v_per_v=amplifier.gain_v_per_v,
-        voltage_limit_v=amplifier.voltage_limit_v,
-        current_limit_a=amplifier.current_limit_a,
-        slew_limit_v_per_s=amplifier.slew_limit_v_per_s,
-        voltage_monitor_v_per_v=amplifier.voltage_monitor_v_per_v,
-        current_monitor_v_per_a=amplifier.current_monitor_v_per_a,
-        fault_level=amplifier.fault_level,
-        measured_by=amplifier.measured_by,
-        measured_at="" if amplifier.measured_at is None else amplifier.measured_at.isoformat(),
-    )

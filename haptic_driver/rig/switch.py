@@ -18,7 +18,7 @@ from haptic_driver.rig.states import Happening, OutputStates, RigEvent, Withdraw
 from hw.amplifier.analog import AmplifierState, AnalogAmplifier
 from hw.analog.lines import Heartbeat
 from hw.errors import BadReply
-from hw.generator.agilent_33220a.driver import Agilent33220A
+from hw.generator.contract import Generator
 from hw.generator.settings import ExternalModulation
 
 
@@ -32,7 +32,7 @@ class OutputSwitch:
     def __init__(
         self,
         config: RigConfig,
-        generator: Agilent33220A,
+        generator: Generator,
         amplifier: AnalogAmplifier,
         heartbeats: Sequence[Heartbeat],
         *,

@@ -11,16 +11,17 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
-from haptic_driver.rig.config import RigConfig, SimulatedAnalogOutputConfig
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
 from haptic_driver.simulation.friction import FrictionLaw
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.analog.simulated_output import SimulatedCard
 from hw.finger.plant import FingerPlant
 from hw.force.net_ft import NetFtScale
 from hw.force.net_ft_server import NetFtServer
-from hw.generator.agilent_33220a.simulator import GeneratorLatency, Simulated33220A, TerminalOutput
+from hw.generator.contract import GeneratorLatency, Listener, SimulatedGenerator, TerminalOutput
+from hw.serving.responder import Responder
 from hw.serving.tcp import TcpServer
-from hw.testing.memory import Responder
 
 SCALE = NetFtScale(counts_per_n=1e6, counts_per_n_m=1e6)  # of the force sensor
 
@@ -127,9 +128,9 @@ def simulated_amplifier(config: RigConfig, contact: Callable[[], bool] = lambda:
     )
 
 
-def simulated_generator(config: RigConfig, listener: Callable[[TerminalOutput], object]) -> Simulated33220A:
+def simulated_generator(config: RigConfig, listener: Listener) -> SimulatedGenerator:
     """The generator that drives it; `listener` hears also what it does between steps."""
     simulation, modulation = config.simulation, config.waveform_generator.modulation_input
     latency = GeneratorLatency(amplitude_s=simulation.amplitude_latency_s, frequency_s=simulation.frequency_latency_s)
     highest = 1.0 if modulation is None else modulation.amplitude_at_full_scale
-    return Simulated33220A(latency, listener=listener, am_full_scale=highest)
+    return config.generator_kind().simulator(latency, listener=listener, am_full_scale=highest)

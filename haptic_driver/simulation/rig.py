@@ -8,13 +8,14 @@ from types import TracebackType
 from typing import Self
 
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.rig import build_rig
+from haptic_driver.rig.devices import build_rig
+from haptic_driver.rig.part import Wiring
 from haptic_driver.simulation.friction import FrictionLaw, friction_of, with_hidden
 from haptic_driver.simulation.instruments import SCALE, SimulatedInstruments
 from hw.errors import DeviceTimeout
 from hw.force.net_ft import NetFt, NetFtSettings
 from hw.force.sensor import ForceAxes, ForceReading
-from hw.testing.memory import Responder
+from hw.serving.responder import Responder
 from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
 from model.touch_model import TouchModel
@@ -44,7 +45,8 @@ class SimulatedRig:
         self.amplifier = self.instruments.amplifier
         transport = TcpTransport.from_resource(self.instruments.generator_server.resource)
         self._force = _SteppedForceSensor(self.instruments)
-        self.rig = build_rig(config, through(transport), self._force, self.amplifier, self.amplifier)
+        lines = Wiring(enable=self.amplifier, voltage_monitor=self.amplifier)
+        self.rig = build_rig(config, through(transport), self._force, lines)
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
         """Let `dt_s` pass with the finger pressing and sliding so; the rig's outputs act on it."""

@@ -15,14 +15,9 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
-from haptic_driver.rig.config import (
-    InterlockBox,
-    NetFtForceSensorConfig,
-    RigConfig,
-    StageConfig,
-    StageFingerConfig,
-    WatchdogConfig,
-)
+from haptic_driver.rig.config import InterlockBox, RigConfig, StageConfig, WatchdogConfig
+from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
+from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig
 from haptic_driver.simulation.friction import friction_of, with_hidden
 from haptic_driver.simulation.instruments import SCALE, SimulatedInstruments
 from hw.safety.simulated_interlock import SimulatedInterlock

@@ -6,7 +6,7 @@ import math
 import threading
 from collections.abc import Callable
 
-from hw.generator.agilent_33220a.simulator import TerminalOutput
+from hw.generator.contract import TerminalOutput
 
 
 class SimulatedAmplifier:

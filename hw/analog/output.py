@@ -126,7 +126,7 @@ class AnalogOutput(ABC):
         stream's, or more than fits the buffer (see `buffered_s`); OutputUnderrun when the output fell to zero since
         the last call, with nothing written; DeviceError, after going to zero, when the device fails.
         """
-        block_v = self._checked(envelope_v)
+        block_v = _checked(self.resource, self.settings, envelope_v)
         with self._exclusive():
             self._check_open()
             self.check()  # first: a stream that has ended by now has no rate
@@ -149,7 +149,7 @@ class AnalogOutput(ABC):
 
     def hold(self, level_v: float) -> None:
         """Hold a level from now on, in place of a stream, for `lease_s`; at zero for ever. Raises as `write` does."""
-        level = float(self._checked([level_v])[0])
+        level = float(_checked(self.resource, self.settings, [level_v])[0])
         with self._exclusive():
             self._check_open()
             self.check()
@@ -194,22 +194,6 @@ class AnalogOutput(ABC):
     def __exit__(self, *reason: object) -> None:
         """Close, whatever the reason."""
         self.close()
-
-    def _checked(self, values_v: ArrayLike) -> Array:
-        block_v = np.array(values_v, dtype=np.float64)  # a copy: the device may read it after the caller has moved on
-        if block_v.ndim != 1 or block_v.size == 0:
-            raise LimitExceeded(
-                f"{self.resource}: an envelope is one row of samples, not of shape {block_v.shape}",
-                "give one row of at least one sample",
-            )
-        inside = (block_v >= self.settings.low_v) & (block_v <= self.settings.high_v)
-        if not inside.all():
-            worst_v = block_v[~inside][0]
-            raise LimitExceeded(
-                f"{self.resource}: {worst_v:g} V is outside its {self.settings.low_v:g}..{self.settings.high_v:g} V",
-                "lower the target, or the limits are not those of this rig",
-            )
-        return block_v
 
     def _check_rate(self, sample_rate_hz: float) -> None:
         if not 0.0 < sample_rate_hz <= self.settings.sample_rate_limit_hz:
@@ -320,3 +304,20 @@ class AnalogOutput(ABC):
     @abstractmethod
     def _buffered_samples(self) -> int:
         """Samples of the stream that are still to be played; 0 also when the device says that it ran dry."""
+
+
+def _checked(resource: str, settings: AnalogOutputSettings, values_v: ArrayLike) -> Array:
+    block_v = np.array(values_v, dtype=np.float64)  # a copy: the device may read it after the caller has moved on
+    if block_v.ndim != 1 or block_v.size == 0:
+        raise LimitExceeded(
+            f"{resource}: an envelope is one row of samples, not of shape {block_v.shape}",
+            "give one row of at least one sample",
+        )
+    inside = (block_v >= settings.low_v) & (block_v <= settings.high_v)
+    if not inside.all():
+        worst_v = block_v[~inside][0]
+        raise LimitExceeded(
+            f"{resource}: {worst_v:g} V is outside its {settings.low_v:g}..{settings.high_v:g} V",
+            "lower the target, or the limits are not those of this rig",
+        )
+    return block_v

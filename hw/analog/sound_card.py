@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,10 +38,19 @@ def load_sounddevice() -> ModuleType:
         ) from error
 
 
+class SoundSettings(NamedTuple):
+    """`full_scale_v`: measured at the socket for a sample of 1.0; `dc_coupled`: whether a level stays."""
+
+    sample_rate_hz: float
+    full_scale_v: float
+    dc_coupled: bool
+    channel: int = 0
+    latency_s: float = 0.02
+
+
 class SoundCardOutput(AnalogOutput):
     """One channel of a sound card at a fixed sample rate; other channels stay silent.
 
-    `full_scale_v` is the voltage at the socket for a sample of 1.0, `dc_coupled` whether a level stays; both measured.
     Without DC coupling only 0 V can be held or be the zero level, and what is streamed arrives without its slow part.
     A new level or block is heard after the card's latency of `latency_s`.
     """
@@ -50,26 +59,18 @@ class SoundCardOutput(AnalogOutput):
         self,
         device: str | int | None,
         settings: AnalogOutputSettings,
+        sound: SoundSettings,
         *,
-        sample_rate_hz: float,
-        full_scale_v: float,
-        dc_coupled: bool,
-        channel: int = 0,
-        latency_s: float = 0.02,
         clock: Callable[[], float] = time.monotonic,
         watch: bool = True,
     ) -> None:
         super().__init__(f"sound card {'default' if device is None else device}", settings, clock=clock, watch=watch)
-        if not full_scale_v >= max(abs(settings.low_v), abs(settings.high_v)):
-            raise ValueError(f"{self.resource}: limits beyond its full scale of {full_scale_v:g} V")
-        if not dc_coupled and settings.zero_level_v != 0.0:
+        if not sound.full_scale_v >= max(abs(settings.low_v), abs(settings.high_v)):
+            raise ValueError(f"{self.resource}: limits beyond its full scale of {sound.full_scale_v:g} V")
+        if not sound.dc_coupled and settings.zero_level_v != 0.0:
             raise ValueError(f"{self.resource} is AC-coupled and cannot rest at {settings.zero_level_v:g} V")
         self._device = device
-        self._sample_rate_hz = sample_rate_hz
-        self._full_scale_v = full_scale_v
-        self._dc_coupled = dc_coupled
-        self._channel = channel
-        self._latency_s = latency_s
+        self._sound = sound
         self._stream: Any = None
         self._queue_lock = threading.Lock()
         self._queue: deque[Array] = deque()
@@ -78,7 +79,7 @@ class SoundCardOutput(AnalogOutput):
 
     def hold(self, level_v: float) -> None:
         """Hold a level, as every analog output does; LimitExceeded for other than 0 V without DC coupling."""
-        if level_v != 0.0 and not self._dc_coupled:
+        if level_v != 0.0 and not self._sound.dc_coupled:
             raise LimitExceeded(
                 f"{self.resource} is AC-coupled and cannot hold {level_v:g} V", "use a DC-coupled output"
             )
@@ -86,20 +87,20 @@ class SoundCardOutput(AnalogOutput):
 
     def _check_rate(self, sample_rate_hz: float) -> None:
         super()._check_rate(sample_rate_hz)
-        if sample_rate_hz != self._sample_rate_hz:
+        if sample_rate_hz != self._sound.sample_rate_hz:
             raise LimitExceeded(
-                f"{self.resource} plays at {self._sample_rate_hz:g} samples/s, not {sample_rate_hz:g}",
+                f"{self.resource} plays at {self._sound.sample_rate_hz:g} samples/s, not {sample_rate_hz:g}",
                 "write at its rate",
             )
 
     def _connect(self) -> None:
         with self._portaudio() as sounddevice:
             stream = sounddevice.OutputStream(
-                samplerate=self._sample_rate_hz,
+                samplerate=self._sound.sample_rate_hz,
                 device=self._device,
-                channels=self._channel + 1,
+                channels=self._sound.channel + 1,
                 dtype="float32",
-                latency=self._latency_s,
+                latency=self._sound.latency_s,
                 callback=self._play,
             )
             self._stream = stream
@@ -156,7 +157,7 @@ class SoundCardOutput(AnalogOutput):
                 if taken < block_v.size:
                     self._queue.appendleft(block_v[taken:])
         outdata.fill(0.0)
-        outdata[:, self._channel] = samples_v / self._full_scale_v
+        outdata[:, self._sound.channel] = samples_v / self._sound.full_scale_v
 
     @contextmanager
     def _portaudio(self) -> Iterator[Any]:

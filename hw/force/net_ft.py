@@ -17,10 +17,8 @@ from contextlib import suppress
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import NamedTuple
-from xml.etree import ElementTree
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
-from hw.force.ati_calibration import NEWTON_METRES, NEWTONS, BadCalibration, unit
 from hw.force.sensor import ForceAxes, ForceReading, Wrench
 
 DEFAULT_PORT = 49152
@@ -39,7 +37,6 @@ class Command(IntEnum):
 
     STOP = 0
     STREAM = 2
-    RESET_LATCH = 0x41
     BIAS = 0x42
 
 
@@ -48,34 +45,6 @@ class NetFtScale(NamedTuple):
 
     counts_per_n: float
     counts_per_n_m: float
-
-    @classmethod
-    def from_xml(cls, xml: bytes, where: str) -> NetFtScale:
-        """Take the scale from the box's `netftapi2.xml`: cfgcpf and cfgcpt per unit scfgfu and scfgtu.
-
-        Raises BadCalibration. Field names as read by public clients; not seen on a box of ours.
-        """
-        try:
-            root = ElementTree.fromstring(xml)
-        except (ElementTree.ParseError, ValueError, LookupError) as error:
-            raise BadCalibration(f"{where} is not XML ({error})", "give the box's netftapi2.xml") from error
-        force_n = unit(_text(root, "scfgfu", where), NEWTONS, where)
-        torque_n_m = unit(_text(root, "scfgtu", where), NEWTON_METRES, where)
-        return cls(_counts(root, "cfgcpf", where) / force_n, _counts(root, "cfgcpt", where) / torque_n_m)
-
-
-def _text(root: ElementTree.Element, tag: str, where: str) -> str:
-    text = root.findtext(f".//{tag}")
-    if text is None or not text.strip():
-        raise BadCalibration(f"{where} has no <{tag}>", "give the box's netftapi2.xml, or the counts in the rig's file")
-    return text.strip()
-
-
-def _counts(root: ElementTree.Element, tag: str, where: str) -> float:
-    text = _text(root, tag, where)
-    if not (text.isdecimal() and int(text) > 0):
-        raise BadCalibration(f"{where}: <{tag}> is {text!r}, not a count > 0", "give the box's netftapi2.xml")
-    return float(text)
 
 
 @dataclass(frozen=True)
@@ -193,11 +162,6 @@ class NetFt:
                     f"{self.resource} still reads {self._newest.force_n} N after its bias was taken",
                     "leave the sensor unloaded and still; then take the bias again",
                 ) from None
-
-    def reset_latch(self) -> None:
-        """Clear a threshold condition that the box has latched into its status. Raises DeviceDisconnected."""
-        with self._lock:
-            self._send(Command.RESET_LATCH)
 
     def close(self) -> None:
         """Stop the stream and hang up; never fails, does nothing when closed."""

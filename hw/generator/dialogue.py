@@ -32,7 +32,7 @@ _HINTS_BY_CLASS = {
 
 
 class GeneratorDialogue:
-    """The dialogue with one instrument; raises DeviceError, nothing else.
+    """The dialogue with one instrument, line by line; raises DeviceError, nothing else.
 
     Whatever fails, `gate` forgets what it believed. No other thread comes between the exchanges of one method;
     `undisturbed` lends the transport for several.
@@ -66,50 +66,20 @@ class GeneratorDialogue:
                 self._gate.forget()
                 raise
 
-    def ask(self, commands: Sequence[str], count: int, timeout_s: float | None = None) -> list[str]:
-        """Send commands as one line and return the `count` fields of its one answer line."""
-        line = _line(commands)
+    def query(self, line: str) -> str:
+        """Send one line and return the line that answers it."""
         message = line.encode("ascii") + b"\n"
         with self.undisturbed():
             self._gate.check(message)
-            reply = self._transport.query(message, self._reply_timeout_s if timeout_s is None else timeout_s)
-            fields: list[str] = _FIELD.findall(reply.decode("ascii", errors="replace").strip())
-            if len(fields) != count:
-                raise self.bad_reply(f"answered {reply[:80]!r} to {line!r}", NOT_WHOLE)
-        return fields
+            reply = self._transport.query(message, self._reply_timeout_s)
+        return reply.decode("ascii", errors="replace").strip()
 
-    def command(self, commands: Sequence[str], queries: Sequence[str], timeout_s: float | None = None) -> list[str]:
-        """Send commands, queries and the question for errors as one line; return the answers to the queries.
-
-        Raises InstrumentRejected with all errors in the instrument's queue, a clipped value (-222) among them.
-        """
+    def send(self, line: str) -> None:
+        """Send one line that asks nothing."""
+        message = line.encode("ascii") + b"\n"
         with self.undisturbed():
-            *answers, error = self.ask([*commands, *queries, "SYST:ERR?"], len(queries) + 1, timeout_s)
-            code = self._error_code(error)
-            if code != 0:
-                raise InstrumentRejected(
-                    f"{self.resource} rejected {';'.join(commands)!r}: {', '.join(self._errors(error))}",
-                    _HINTS.get(code) or _HINTS_BY_CLASS.get(-code // 100, "look at the instrument: it reports a fault"),
-                )
-        return answers
-
-    def send(self, message: bytes) -> None:
-        """Send one message that asks nothing, e.g. with a block in it."""
-        with self.undisturbed():
-            self._gate.check(message + b"\n")
-            self._transport.write(message + b"\n")
-
-    def drain_errors(self) -> list[str]:
-        """Empty the instrument's error queue and return what was in it, oldest first."""
-        with self.undisturbed():
-            (first,) = self.ask(["SYST:ERR?"], 1)
-            return [] if self._error_code(first) == 0 else self._errors(first)
-
-    def boolean(self, text: str) -> bool:
-        """Return what `0` or `1` says."""
-        if text not in ("0", "1"):
-            raise self.bad_reply(f"answered {text!r} where 0 or 1 was expected", NOT_WHOLE)
-        return text == "1"
+            self._gate.check(message)
+            self._transport.write(message)
 
     def number(self, text: str) -> float:
         """Return a decimal number, of any length; finite."""
@@ -122,6 +92,41 @@ class GeneratorDialogue:
         self._transport.mark_dirty()
         self._gate.forget()
         return BadReply(f"{self.resource} {what}", hint)
+
+
+class ScpiDialogue(GeneratorDialogue):
+    """The dialogue where one line holds several commands, and errors wait in a queue (`SYST:ERR?`)."""
+
+    def ask(self, commands: Sequence[str], count: int) -> list[str]:
+        """Send commands as one line and return the `count` fields of its one answer line."""
+        line = _line(commands)
+        with self.undisturbed():
+            reply = self.query(line)
+            fields: list[str] = _FIELD.findall(reply)
+            if len(fields) != count:
+                raise self.bad_reply(f"answered {reply[:80]!r} to {line!r}", NOT_WHOLE)
+        return fields
+
+    def command(self, commands: Sequence[str], queries: Sequence[str]) -> list[str]:
+        """Send commands, queries and the question for errors as one line; return the answers to the queries.
+
+        Raises InstrumentRejected with all errors in the instrument's queue, a clipped value (-222) among them.
+        """
+        with self.undisturbed():
+            *answers, error = self.ask([*commands, *queries, "SYST:ERR?"], len(queries) + 1)
+            code = self._error_code(error)
+            if code != 0:
+                raise InstrumentRejected(
+                    f"{self.resource} rejected {';'.join(commands)!r}: {', '.join(self._errors(error))}",
+                    _HINTS.get(code) or _HINTS_BY_CLASS.get(-code // 100, "look at the instrument: it reports a fault"),
+                )
+        return answers
+
+    def boolean(self, text: str) -> bool:
+        """Return what `0` or `1` says."""
+        if text not in ("0", "1"):
+            raise self.bad_reply(f"answered {text!r} where 0 or 1 was expected", NOT_WHOLE)
+        return text == "1"
 
     def _errors(self, first: str) -> list[str]:
         """Return `first` and empty the instrument's queue behind it, so that no later command is blamed."""

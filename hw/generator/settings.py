@@ -6,13 +6,16 @@ import enum
 import math
 from dataclasses import dataclass
 
-# Limits into an open circuit, OUTP:LOAD INF (33220A data sheet: 10 mVpp to 10 Vpp into 50 ohm, doubled open).
-AMPLITUDE_LOW_VPP = 0.02
-AMPLITUDE_HIGH_VPP = 20.0
 FREQUENCY_LOW_HZ = 1e-6
 FREQUENCY_HIGH_HZ = 20e6
-ARBITRARY_FREQUENCY_HIGH_HZ = 6e6
-BURST_CYCLES_HIGH = 50_000
+
+
+class Shape(enum.Enum):
+    """A waveform."""
+
+    SINE = "sine"
+    SQUARE = "square"
+    DC = "dc"
 
 
 class RangePolicy(enum.Enum):
@@ -61,49 +64,12 @@ class ExternalModulation:
 
 
 @dataclass(frozen=True)
-class InternalModulation:
-    """The amplitude follows the generator's own sine; `depth` is 0..1. Raises ValueError."""
-
-    frequency_hz: float
-    depth: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Refuse what the instrument does not have."""
-        if not (2e-3 <= self.frequency_hz <= 20e3 and 0.0 <= self.depth <= 1.0):
-            raise ValueError(f"internal modulation is 0.002..20,000 Hz with a depth of 0..1, not {self}")
-
-
-Modulation = ExternalModulation | InternalModulation
-
-
-class TriggerSource(enum.Enum):
-    """What starts a burst; the value is the instrument's word for it."""
-
-    BUS = "BUS"
-    EXTERNAL = "EXT"
-
-
-@dataclass(frozen=True)
-class Burst:
-    """A finite number of cycles per trigger, 1..50,000: whatever happens to the link, it ends. Raises ValueError."""
-
-    cycles: int
-    trigger: TriggerSource = TriggerSource.BUS
-
-    def __post_init__(self) -> None:
-        """Refuse what the instrument does not have."""
-        if not 1 <= self.cycles <= BURST_CYCLES_HIGH:
-            raise ValueError(f"a burst has 1..{BURST_CYCLES_HIGH} cycles, not {self.cycles}")
-
-
-@dataclass(frozen=True)
 class GeneratorSettings:
     """How the generator is wired, and what it may ask of the electrode.
 
     `volts_per_volt` is electrode volts per volt at the generator's terminals (the amplifier's gain);
     `voltage_limit_v` is the peak at the electrode, offset included. Without a measured `modulation_input` there is
-    no amplitude modulation. `binary_upload` False sends arbitrary waveforms as text, for links that spoil binary
-    data. Raises ValueError for numbers that make no sense.
+    no amplitude modulation. Raises ValueError for numbers that make no sense.
     """
 
     volts_per_volt: float
@@ -111,40 +77,18 @@ class GeneratorSettings:
     frequency_low_hz: float
     frequency_high_hz: float
     reply_timeout_s: float = 1.0
-    upload_timeout_s: float = 30.0
     range_policy: RangePolicy = RangePolicy.FIXED
     modulation_input: ModulationInput | None = None
-    binary_upload: bool = True
 
     def __post_init__(self) -> None:
         """Refuse what cannot be a setting."""
         for name, value in vars(self).items():
             if isinstance(value, (int, float)) and not (math.isfinite(value) and value >= 0.0):
                 raise ValueError(f"generator {name} must be a finite number > 0, not {value!r}")
-        if 0.0 in (self.volts_per_volt, self.voltage_limit_v, self.reply_timeout_s, self.upload_timeout_s):
-            raise ValueError("generator gain, voltage limit and timeouts must be > 0")
+        if 0.0 in (self.volts_per_volt, self.voltage_limit_v, self.reply_timeout_s):
+            raise ValueError("generator gain, voltage limit and timeout must be > 0")
         if not FREQUENCY_LOW_HZ <= self.frequency_low_hz <= self.frequency_high_hz <= FREQUENCY_HIGH_HZ:
             raise ValueError(
                 f"generator frequency range {self.frequency_low_hz:g}..{self.frequency_high_hz:g} Hz must be ordered "
                 f"and within {FREQUENCY_LOW_HZ:g}..{FREQUENCY_HIGH_HZ:g} Hz"
             )
-
-
-class GeneratorEvent(enum.IntFlag):
-    """Bits of `*ESR?` (IEEE 488.2, 11.5.1)."""
-
-    OPERATION_COMPLETE = 1
-    QUERY_ERROR = 4
-    DEVICE_ERROR = 8
-    EXECUTION_ERROR = 16
-    COMMAND_ERROR = 32
-    POWER_ON = 128
-
-
-@dataclass(frozen=True)
-class GeneratorStatus:
-    """What happened since the last look; `errors` are the instrument's own words, oldest first."""
-
-    events: GeneratorEvent
-    status_byte: int
-    errors: tuple[str, ...]

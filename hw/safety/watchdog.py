@@ -2,11 +2,11 @@
 
 `atexit`, signal handlers and `finally` do not run after SIGKILL, a crash of the interpreter or a hang; this does. The
 driver beats over a pipe. When beats stop for `period_s`, or the pipe closes (however the driver ended), the watchdog
-says `OUTP 0`, opens the interlock's contact if it is told of one, reads both back, tries again until there is evidence
-or `give_up_s` have passed, and ends; its exit status says which. It can do nothing against a computer without power or
-an instrument that is cut off: that is what the interlock box is for.
+switches the generator off in the words of its kind, opens the interlock's contact if it is told of one, reads both
+back, tries again until there is evidence or `give_up_s` have passed, and ends; its exit status says which. It can do
+nothing against a computer without power or an instrument that is cut off: that is what the interlock box is for.
 
-    python -m hw.safety.watchdog --generator TCPIP::192.168.0.5::5025::SOCKET [--interlock RESOURCE] [--period 0.5] ...
+    python -m hw.safety.watchdog --generator TCPIP::192.168.0.5::5025::SOCKET [--model M] [--interlock I] ...
 
 reads beats from its standard input: `b` (the output is wanted), `r` (rest: it is known to be off, do not wait for
 beats). It counts from the first beat. Standard output gets one line: `ready`, or why not.
@@ -31,6 +31,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from hw.errors import DeviceDisconnected, DeviceTimeout
+from hw.generator.contract import generator_kind
 from hw.transport.resource import make_transport
 from hw.transport.running import Running
 
@@ -54,6 +55,8 @@ class Outcome(enum.IntEnum):
 class WatchdogSettings:
     """What it switches off, and when. Resources as `make_transport` takes them; `interlock` may be absent.
 
+    `model` is the generator's kind, see `hw.generator.contract`.
+
     A serial port or USB device cannot be shared with the driver: give the watchdog resources of its own.
 
     `give_up_s`: how long it goes on trying without evidence. Raises ValueError for times that are not > 0.
@@ -61,6 +64,7 @@ class WatchdogSettings:
 
     generator: str
     interlock: str | None = None
+    model: str = "agilent_33220a"
     period_s: float = 0.5
     reply_timeout_s: float = 0.3
     retry_s: float = 0.2
@@ -183,9 +187,14 @@ def _describe(status: int) -> str:
 
 
 class _Instrument:
-    """A connection of the watchdog's own and the two lines it knows to say; `answers` tells off from on."""
+    """A connection of the watchdog's own and the lines it knows to say; `answers` tells off from on.
 
-    def __init__(self, resource: str, timeout_s: float, ask: bytes, off: bytes, answers: re.Pattern[bytes]) -> None:
+    All but the last line of `off` answer nothing.
+    """
+
+    def __init__(
+        self, resource: str, timeout_s: float, ask: bytes, off: Sequence[bytes], answers: re.Pattern[bytes]
+    ) -> None:
         self.resource = resource
         self._transport = make_transport(resource)
         self._timeout_s = timeout_s
@@ -195,16 +204,20 @@ class _Instrument:
 
     def ask(self) -> bool | None:
         """Whether it is off; None when it does not say."""
-        return self._query(self._ask)
+        return self._query([self._ask])
 
     def switch_off(self) -> bool | None:
         """Switch off and read back; a connection that fails is made anew the next time."""
         return self._query(self._off)
 
-    def _query(self, line: bytes) -> bool | None:
+    def _query(self, lines: Sequence[bytes]) -> bool | None:
+        *commands, question = lines
         try:
             self._transport.open()
-            reply = self._transport.query(line, self._timeout_s)
+            with self._transport.exchange(self._timeout_s):
+                for command in commands:
+                    self._transport.write(command)
+                reply = self._transport.query(question, self._timeout_s)
         except Exception as error:  # whatever it is, the other instrument and the next attempt must not suffer
             said = str(error)
             _log.warning("%s", said if self.resource in said else f"{self.resource}: {said}")
@@ -212,18 +225,19 @@ class _Instrument:
             return None
         match = self._answers.fullmatch(reply.strip())
         if match is None:
-            _log.warning("%s answered %r to %r", self.resource, reply[:80], line)
+            _log.warning("%s answered %r to %r", self.resource, reply[:80], question)
             self._transport.close()
             return None
         return match["off"] is not None
 
 
 def _instruments(settings: WatchdogSettings) -> list[_Instrument]:
-    said = re.compile(rb"(?P<off>0)|1")
-    found = [_Instrument(settings.generator, settings.reply_timeout_s, b"OUTP?\n", b"OUTP 0;:OUTP?\n", said)]
+    kind, timeout_s = generator_kind(settings.model), settings.reply_timeout_s
+    off = (kind.switch_off, kind.ask_off)
+    found = [_Instrument(settings.generator, timeout_s, kind.ask_off, off, kind.off_answers)]
     if settings.interlock is not None:
         said = re.compile(rb"(?P<off>OFF) [A-Z]+ \d+|ON OK \d+")
-        found.append(_Instrument(settings.interlock, settings.reply_timeout_s, b"STATUS?\n", b"DISABLE\n", said))
+        found.append(_Instrument(settings.interlock, timeout_s, b"STATUS?\n", [b"DISABLE\n"], said))
     return found
 
 
@@ -299,6 +313,7 @@ def _parse(arguments: Sequence[str] | None) -> WatchdogSettings:
         prog="python -m hw.safety.watchdog", description="Switch off when the driver dies."
     )
     parser.add_argument("--generator", required=True, help="its resource, e.g. TCPIP::host::5025::SOCKET")
+    parser.add_argument("--model", default=WatchdogSettings.model, help="the generator's kind")
     parser.add_argument("--interlock", help="resource of a heartbeat interlock box")
     for name in ("period", "reply-timeout", "retry", "give-up"):
         default = getattr(WatchdogSettings, f"{name.replace('-', '_')}_s")
@@ -306,8 +321,10 @@ def _parse(arguments: Sequence[str] | None) -> WatchdogSettings:
     given = parser.parse_args(arguments)
     try:
         settings = WatchdogSettings(
-            given.generator, given.interlock, given.period, given.reply_timeout, given.retry, given.give_up
-        )
+            given.generator, given.interlock, given.model,
+            given.period, given.reply_timeout, given.retry, given.give_up,
+        )  # fmt: skip
+        generator_kind(settings.model)
         for resource in filter(None, (settings.generator, settings.interlock)):
             make_transport(resource)
     except ValueError as error:

@@ -12,8 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from hw.serving.framing import MessageFramer, MessageTooLong
-from hw.testing.faulty_instrument import Disconnect
-from hw.testing.memory import Responder
+from hw.serving.responder import Disconnect, Responder
 from hw.transport.running import Running
 
 _CHUNK_BYTES = 1 << 16

@@ -9,8 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 from hw.serving.framing import MessageFramer
-from hw.testing.faulty_instrument import Disconnect
-from hw.testing.memory import Responder
+from hw.serving.responder import Disconnect, Responder
 from hw.transport.running import Running
 
 _CHUNK_BYTES = 1 << 16

@@ -177,11 +177,6 @@ def read_status(frame: Frame) -> Status:
     return Status(position_raw, StatusBit(bits))
 
 
-def read_status_bits(frame: Frame) -> StatusBit:
-    """The bits of STATUS_BITS."""
-    return StatusBit(_CHANNEL_AND_BITS.unpack(frame.data or b"")[1])
-
-
 def read_info(frame: Frame) -> Info:
     """The content of INFO."""
     serial_number, model, _, interim, minor, major, *_ = _INFO.unpack(frame.data or b"")

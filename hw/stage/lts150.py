@@ -178,16 +178,6 @@ class Lts150:
             self._check_ready(self.read_status())
             self._start(target_m)
 
-    def move_by(self, distance_m: float) -> None:
-        """Start a move by a distance from here; as `move_to`.
-
-        It is sent as an absolute move, so that what was checked is what is carried out.
-        """
-        with self._undisturbed():
-            status = self.read_status()
-            self._check_ready(status)
-            self._start(self._within_travel(status.position_m + distance_m))
-
     def wait(self, timeout_s: float) -> StageStatus:
         """Wait until the move or homing that was started has arrived.
 

@@ -8,9 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from hw.serving.responder import Disconnect
 from hw.stage import apt
 from hw.stage.apt import Frame, Message, StatusBit
-from hw.testing.faulty_instrument import Disconnect
 
 # The simulator's own table, in millimetres like the data sheet; the driver's limits are not used here.
 COUNTS_PER_MM = 409_600

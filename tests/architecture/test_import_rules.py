@@ -38,7 +38,12 @@ FORBIDDEN = [  # rule, file, import that must break it
     ("the-driver-reads-forward", "haptic_driver/client.py", "import haptic_driver.cli.output"),
     ("the-render-process-is-alone", "haptic_driver/daemon/render_process.py", "import hw.amplifier.analog"),
     ("the-render-process-is-alone", "haptic_driver/processes/shared_memory.py", "import h5py"),
-    ("devices-do-not-know-their-simulators", "hw/generator/agilent_33220a/driver.py", "import hw.generator.scpi"),
+    (
+        "devices-do-not-know-their-simulators",
+        "hw/generator/keysight/driver.py",
+        "import hw.generator.keysight.scpi",
+    ),
+    ("devices-do-not-know-their-simulators", "hw/generator/siglent_sdg/driver.py", "import hw.generator.terminals"),
     ("devices-do-not-know-their-simulators", "hw/force/net_ft.py", "import hw.force.net_ft_server"),
 ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 
-from hw.generator.agilent_33220a.simulator import GeneratorLatency
+from hw.generator.contract import GeneratorLatency
 
 IMMEDIATE = GeneratorLatency(0.0, 0.0, 0.0, 0.0)
 """Settings are at the generator's terminals as soon as they are programmed."""

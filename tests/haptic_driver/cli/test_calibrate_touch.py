@@ -15,7 +15,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from haptic_driver.rig.config import EvdevFingerConfig, load_rig
+from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.parts.finger_trackers import EvdevFingerConfig
 from tests.haptic_driver.experiments.touching import (
     CORNERS,
     MATRIX_M,

@@ -14,16 +14,18 @@ from haptic_driver.processes.real_time import Due
 from haptic_driver.processes.shared_memory import NO_ORDER, Sensed, SharedState
 from haptic_driver.render.texture import Grating, Uniform
 from haptic_driver.rig.actuator import make_actuator
-from haptic_driver.rig.config import NoAnalogOutput, load_rig
-from haptic_driver.rig.rig import build_rig
+from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.devices import build_rig
+from haptic_driver.rig.part import Wiring
+from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.states import RigState
 from haptic_driver.simulation.friction import surface_friction
 from haptic_driver.simulation.instruments import simulated_amplifier, simulated_generator
 from hw.analog.output import AnalogOutputSettings
-from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.finger.plant import FingerPlant
-from hw.testing.memory import MemoryTransport
 from tests.haptic_driver.stand_ins import PlantSensor
+from tests.hw.analog.simulated_analog_output import SimulatedAnalogOutput
+from tests.hw.testing.memory import MemoryTransport
 
 TICK_S = 0.001
 FORCE_N, SPEED_M_S = 0.5, 0.04
@@ -47,8 +49,9 @@ class Loop:
             self.card.open()
             self.generator.set_modulation_input(self.card.terminal_v)
         self.rig = build_rig(
-            config, MemoryTransport(self.generator), sensor, self.amplifier, self.amplifier,
-            modulated=self.card is not None, sleep=lambda seconds: None,
+            config, MemoryTransport(self.generator), sensor,
+            Wiring(enable=self.amplifier, voltage_monitor=self.amplifier), modulated=self.card is not None,
+            sleep=lambda seconds: None,
         )  # fmt: skip
         self.rig.connect()
         self.shared, self.now_s, self.order, self.number = SharedState(), 1000.0, NO_ORDER, 0

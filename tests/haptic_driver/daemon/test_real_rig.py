@@ -12,15 +12,16 @@ from haptic_driver.daemon.instruments import connect_real
 from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings, latency_budget_s, render_settings
 from haptic_driver.errors import BadInputError
-from haptic_driver.rig import devices as devices_module
-from haptic_driver.rig.config import NiAnalogOutputConfig, NoFingerTracker, WatchdogConfig, load_rig
+from haptic_driver.rig.config import WatchdogConfig, load_rig
+from haptic_driver.rig.parts.analog_outputs import NiAnalogOutputConfig
+from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.simulation.served import as_real
-from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.force.net_ft_server import RdtFault
 from hw.serving.tcp import TcpServer
 from tests.haptic_driver.daemon.refusal import refusal
 from tests.haptic_driver.daemon.waiting import keep_rendering
 from tests.haptic_driver.stand_ins import living_rig
+from tests.hw.analog.simulated_analog_output import SimulatedAnalogOutput
 from tests.waiting import until
 
 RESTING = 1.0  # well above what a finger that has not slid yet is trusted to feel
@@ -88,7 +89,7 @@ def test_an_analog_output_in_the_file_is_opened_at_zero_and_makes_the_envelope(r
             super().__init__(output_settings, channel)
             made.append(self)
 
-    monkeypatch.setattr(devices_module, "NiAnalogOutput", Card)
+    monkeypatch.setattr("hw.analog.ni_daq.NiAnalogOutput", Card)
     given = load_rig("simulated-envelope")
     config = real_config.model_copy(
         update={

@@ -6,15 +6,16 @@ import pytest
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.actuator import EnvelopeActuator, SetpointActuator, actuator_name, make_actuator
 from haptic_driver.rig.config import load_rig
-from haptic_driver.rig.rig import build_rig
+from haptic_driver.rig.devices import build_rig
+from haptic_driver.rig.part import Wiring
 from haptic_driver.signals import NO_COMMAND, NO_COURSE, Course, DriveCommand
 from haptic_driver.simulation.instruments import simulated_amplifier, simulated_generator
 from haptic_driver.simulation.rig import SimulatedRig
 from hw.analog.output import AnalogOutputSettings
-from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.finger.plant import FingerPlant
-from hw.testing.memory import MemoryTransport
 from tests.haptic_driver.stand_ins import PlantSensor
+from tests.hw.analog.simulated_analog_output import SimulatedAnalogOutput
+from tests.hw.testing.memory import MemoryTransport
 
 RATE_HZ, SAMPLES, LEAD_S = 50e3, 50, 0.003
 ON = DriveCommand(250.0, 80.0, True)
@@ -30,7 +31,7 @@ class Bench:
         sensor = PlantSensor(FingerPlant(lambda f, v, n, s: 0.5 * n), noise_n=0.0)
         self.lie_v = None
         self.rig = build_rig(
-            config, MemoryTransport(self.generator), sensor, self.electrode, self,
+            config, MemoryTransport(self.generator), sensor, Wiring(enable=self.electrode, voltage_monitor=self),
             modulated=True, sleep=lambda seconds: None,
         )  # fmt: skip
         self.time_s, self.seen_v = 1.0, []

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.rig.config import NiForceSensorConfig, load_rig
+from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.parts.force_sensors import NiForceSensorConfig
 from tests.haptic_driver.config_texts import CONFIGS, SIMULATED, changed
 
 RIGS = CONFIGS / "rigs"
@@ -67,6 +68,7 @@ def test_no_word_about_a_watchdog_keeps_a_rig_off(tmp_path):
 
 
 RESOURCE = 'resource = "TCPIP::192.168.0.5::5025::SOCKET"'
+MODEL = 'model = "agilent_33220a"'
 WATCHDOG = 'generator = "TCPIP::192.168.0.5::5025::SOCKET"'
 USB = "USB0::0x0957::0x0407::MY44000001::0::INSTR"
 
@@ -88,6 +90,9 @@ def test_the_interlocks_port_is_not_the_watchdogs(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
+        (MODEL, 'model = "keysight_33500b"', "did you mean 'keysight_33500'? Installed: agilent_33220a, "),
+        (MODEL, 'model = "siglent_sdg"', "siglent_sdg is not modulated from outside by its driver"),
+        ("gain_v_per_v", 'kind = "digital"\ngain_v_per_v', "amplifier"),
         ("period_s = 0.5", "period_s = 0.4", "watchdog.period_s 0.4 is below safety.lease_s 0.5"),
         ("zero_level_v = -5.0", "zero_level_v = 0.0", "at 0 V the amplitude is half"),
         ("zero_level_v = -5.0", "zero_level_v = -6.0", "low_v <= zero_level_v"),
@@ -130,6 +135,13 @@ def test_an_unknown_key_is_named_with_the_nearest_also_inside_variants(tmp_path,
     error = refused(rig_file(tmp_path, (old, new)))
     assert f"unknown key '{key}'" in error.message
     assert f"'{offered}'" in error.hint
+
+
+@pytest.mark.parametrize("key", ["binary_upload = true", "upload_timeout_s = 30.0"])
+def test_a_key_that_is_gone_is_unknown_and_the_others_are_listed(tmp_path, key):
+    error = refused(rig_file(tmp_path, ("range_policy = ", f"{key}\nrange_policy = ")))
+    assert f"unknown key 'waveform_generator.{key.split()[0]}'" in error.message
+    assert "modulation_input, range_policy, reply_timeout_s, resource" in error.hint
 
 
 def test_a_channel_without_a_card_is_refused(tmp_path):

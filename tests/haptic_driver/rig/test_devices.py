@@ -11,8 +11,9 @@ import pytest
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.rig import devices as devices_module
-from haptic_driver.rig.config import EvdevFingerConfig, load_rig
+from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.devices import calibration_ids, connect_devices
+from haptic_driver.rig.parts.finger_trackers import EvdevFingerConfig
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import DriveCommand
 from haptic_driver.simulation.served import as_real

@@ -8,8 +8,9 @@ import pytest
 
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.config import RigConfig, SafetySettings
+from haptic_driver.rig.devices import build_rig
 from haptic_driver.rig.evidence import OffEvidence
-from haptic_driver.rig.rig import build_rig
+from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import DriveCommand
 from hw.amplifier.analog import AmplifierState
@@ -18,11 +19,11 @@ from hw.errors import DeviceTimeout
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.safety.interlock import HeartbeatInterlock
 from hw.safety.simulated_interlock import SimulatedInterlock
-from hw.testing.faulty_instrument import Fault, FaultyInstrument
-from hw.testing.memory import MemoryTransport
 from tests.clock import ManualClock
 from tests.haptic_driver.stand_ins import BreakableSensor, Heard
 from tests.hw.instruments import IMMEDIATE
+from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
+from tests.hw.testing.memory import MemoryTransport
 
 OFF = DriveCommand(250.0, 0.0, False)
 
@@ -74,10 +75,12 @@ class Bench:
             config,
             MemoryTransport(self.wire),
             self.sensor,
-            line,
-            self.monitor if monitor else None,
-            current_monitor=self.amplifier.current_monitor,
-            fault=self.amplifier.fault_line,
+            Wiring(
+                enable=line,
+                voltage_monitor=self.monitor if monitor else None,
+                current_monitor=self.amplifier.current_monitor,
+                fault=self.amplifier.fault_line,
+            ),
             **options,
         )
         self.rig.connect()
@@ -506,7 +509,11 @@ def test_an_interlock_box_opens_by_itself_when_the_caller_stalls(rig_config):
     amplifier = SimulatedAmplifier(100.0, 700.0, enabled=True, interlock=lambda: box.closed)
     generator = Simulated33220A(IMMEDIATE, listener=amplifier.drive)
     rig = build_rig(
-        rig_config, MemoryTransport(generator), BreakableSensor(), interlock, amplifier, heartbeats=[interlock]
+        rig_config,
+        MemoryTransport(generator),
+        BreakableSensor(),
+        Wiring(enable=interlock, voltage_monitor=amplifier),
+        heartbeats=[interlock],
     )
     rig.connect()
     for tick in range(1000):

@@ -16,18 +16,20 @@ from hypothesis import strategies as st
 
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.config import load_rig
-from haptic_driver.rig.rig import build_rig
+from haptic_driver.rig.devices import build_rig
+from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import DriveCommand
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.errors import DeviceDisconnected, DeviceTimeout
-from hw.generator.agilent_33220a.simulator import GeneratorLatency, Simulated33220A
-from hw.testing.faulty_instrument import Fault, FaultyInstrument
-from hw.testing.faulty_transport import Faulty, LinkFault, LinkFaultKind
-from hw.testing.memory import MemoryTransport
+from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.generator.contract import GeneratorLatency
 from tests.clock import ManualClock
 from tests.haptic_driver.stand_ins import BreakableSensor
 from tests.hw.instruments import IMMEDIATE
+from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
+from tests.hw.testing.faulty_transport import Faulty, LinkFault, LinkFaultKind
+from tests.hw.testing.memory import MemoryTransport
 
 REPLY_TIMEOUT_S = 0.2
 LINE_TIMEOUT_S = 0.05
@@ -128,9 +130,11 @@ class Bench:
             CONFIG,
             self.link,
             self.sensor,
-            self.enable if enable else None,
-            self.monitor if monitor else None,
-            fault=self.amplifier.fault_line if fault_line else None,
+            Wiring(
+                enable=self.enable if enable else None,
+                voltage_monitor=self.monitor if monitor else None,
+                fault=self.amplifier.fault_line if fault_line else None,
+            ),
             sleep=self.clock.sleep,
         )
 
@@ -306,7 +310,8 @@ def test_off_is_bounded_while_another_thread_is_stuck_in_a_command(enable):
     amplifier = SimulatedAmplifier(100.0, 700.0, enabled=not enable)
     generator = Simulated33220A(IMMEDIATE, listener=amplifier.drive)
     gate = Gate(generator)
-    rig = build_rig(CONFIG, MemoryTransport(gate), BreakableSensor(), amplifier if enable else None, amplifier)
+    lines = Wiring(enable=amplifier if enable else None, voltage_monitor=amplifier)
+    rig = build_rig(CONFIG, MemoryTransport(gate), BreakableSensor(), lines)
     rig.connect()
     rig.command(0.0, DriveCommand(250.0, 80.0, True))
     gate.block = True
@@ -350,7 +355,8 @@ class Interrupting(SimulatedAmplifier):
 def test_off_in_the_middle_of_switching_on_wins():
     amplifier = Interrupting(100.0, 700.0)
     generator = Simulated33220A(IMMEDIATE, listener=amplifier.drive)
-    rig = build_rig(CONFIG, MemoryTransport(generator), BreakableSensor(), amplifier, amplifier)
+    lines = Wiring(enable=amplifier, voltage_monitor=amplifier)
+    rig = build_rig(CONFIG, MemoryTransport(generator), BreakableSensor(), lines)
     rig.connect()
     evidence = []
     other = threading.Thread(target=lambda: evidence.append(rig.off()))

@@ -17,9 +17,9 @@ from haptic_driver.simulation.friction import friction_of
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import render_slide, score
 from haptic_driver.surface.models import load_model
-from hw.testing.faulty_instrument import Fault, FaultyInstrument
 from model.conditions import Conditions
 from model.touch_model import TouchModel
+from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 
 GRATING = Grating(0.70, 0.10, 10e-3)
 

@@ -13,7 +13,7 @@ from haptic_driver.simulation.friction import surface_friction
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import render_slide
 from haptic_driver.textures.library import load_texture
-from tests.hw.wire_log import Recording, Replay, ReplayMismatch
+from tests.hw.testing.recording import Recording, Replay, ReplayMismatch
 
 
 class DrivingReplay(Replay):

@@ -9,7 +9,7 @@ import pytest
 from hw.amplifier.analog import AmplifierSettings, AmplifierState, AnalogAmplifier
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.errors import DeviceDisconnected, LimitExceeded
-from hw.generator.agilent_33220a.simulator import TerminalOutput
+from hw.generator.contract import TerminalOutput
 
 SETTINGS = AmplifierSettings(
     gain_v_per_v=100.0,

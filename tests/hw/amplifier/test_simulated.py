@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from hw.amplifier.simulated import SimulatedAmplifier
-from hw.generator.agilent_33220a.simulator import TerminalOutput
+from hw.generator.contract import TerminalOutput
 
 ON = TerminalOutput(1e3, 1.5, 0.0, True)
 OFF = TerminalOutput(1e3, 0.0, 0.0, False)

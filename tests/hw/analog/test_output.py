@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hw.analog.output import AnalogOutputSettings, OutputUnderrun
-from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.errors import DeviceDisconnected, DeviceError, LimitExceeded
+from tests.hw.analog.simulated_analog_output import SimulatedAnalogOutput
 
 SETTINGS = AnalogOutputSettings(
     low_v=0.0, high_v=5.0, zero_level_v=0.5, sample_rate_limit_hz=100e3, buffer_s=0.1, lease_s=0.2, timeout_s=0.2

@@ -10,9 +10,9 @@ from hw.analog.served_output import AnalogOutputServer, ServedAnalogOutput
 from hw.analog.simulated_output import SimulatedCard
 from hw.errors import BadReply, DeviceDisconnected, LimitExceeded
 from hw.serving.tcp import TcpServer
-from hw.testing.memory import MemoryTransport
 from hw.transport.tcp import TcpTransport
 from tests.clock import ManualClock
+from tests.hw.testing.memory import MemoryTransport
 
 SETTINGS = AnalogOutputSettings(-5.0, 5.0, -5.0, 50e3, buffer_s=0.05, timeout_s=5.0)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hw.analog.output import AnalogOutputSettings, OutputUnderrun
-from hw.analog.sound_card import SoundCardOutput
+from hw.analog.sound_card import SoundCardOutput, SoundSettings
 from hw.errors import DeviceDisconnected, DeviceError, InstrumentRejected, LimitExceeded
 
 SETTINGS = AnalogOutputSettings(
@@ -65,8 +65,9 @@ def _sounddevice(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def card(**kwargs: Any) -> SoundCardOutput:
-    given: dict[str, Any] = {"sample_rate_hz": 48e3, "full_scale_v": 2.0, "dc_coupled": True, "watch": False}
-    return SoundCardOutput("DAC", SETTINGS, **(given | kwargs))
+    sound = SoundSettings(48e3, 2.0, dc_coupled=True)
+    sound = sound._replace(**{name: kwargs.pop(name) for name in SoundSettings._fields if name in kwargs})
+    return SoundCardOutput("DAC", SETTINGS, sound, **({"watch": False} | kwargs))
 
 
 def test_blocks_come_out_scaled_in_order_on_their_channel() -> None:
@@ -129,9 +130,7 @@ def test_an_ac_coupled_card_refuses_to_hold() -> None:
         SoundCardOutput(
             "DAC",
             AnalogOutputSettings(low_v=-1.0, high_v=1.0, zero_level_v=-1.0, sample_rate_limit_hz=48e3),
-            sample_rate_hz=48e3,
-            full_scale_v=1.0,
-            dc_coupled=False,
+            SoundSettings(48e3, 1.0, dc_coupled=False),
         )
 
 
@@ -157,7 +156,7 @@ def test_a_card_pulled_out_is_reported() -> None:
 
 
 def test_an_unknown_device_is_refused() -> None:
-    output = SoundCardOutput("Dac", SETTINGS, sample_rate_hz=48e3, full_scale_v=1.0, dc_coupled=True)
+    output = SoundCardOutput("Dac", SETTINGS, SoundSettings(48e3, 1.0, dc_coupled=True))
     with pytest.raises(InstrumentRejected, match="No output device"):
         output.open()
 

@@ -12,8 +12,8 @@ from hw.errors import DeviceDisconnected, DeviceTimeout
 from hw.finger.tracker import FingerReading, FingerTracker, RecordedFinger, StageFinger
 from hw.stage.lts150 import Lts150, StageSettings, StageStatus
 from hw.stage.simulated import SimulatedLts150
-from hw.testing.memory import MemoryTransport
 from tests.clock import ManualClock
+from tests.hw.testing.memory import MemoryTransport
 
 
 def test_readings_map_onto_the_samples_of_the_driver() -> None:

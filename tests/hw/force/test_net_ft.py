@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
-from hw.force.ati_calibration import BadCalibration
 from hw.force.net_ft import NetFt, NetFtScale, NetFtSettings
 from hw.force.net_ft_server import NetFtServer, RdtFault
 from hw.force.sensor import ForceAxes
@@ -164,14 +163,12 @@ def test_a_bad_status_marks_the_reading(box: NetFtServer, client: NetFt) -> None
     assert not client.read().saturated
 
 
-def test_ignored_status_bits_do_not_mark_the_reading_and_the_latch_can_be_reset(box: NetFtServer) -> None:
+def test_ignored_status_bits_do_not_mark_the_reading(box: NetFtServer) -> None:
     box.status_raw = 0x00010000
     device = client_of(box.port, ignored_status=0x00010000)
     device.open()
     assert not device.read().saturated
     assert device.status_raw == 0x00010000
-    device.reset_latch()
-    read_until(device, lambda: device.status_raw == 0)
     device.close()
 
 
@@ -272,30 +269,3 @@ def test_impossible_settings_are_refused(bad: dict[str, Any]) -> None:
     good = {"host": "127.0.0.1", "scale": NetFtScale(1.0, 1.0), "axes": ForceAxes("z", "x")}
     with pytest.raises(ValueError, match="must be > 0"):
         NetFtSettings(**(good | bad))
-
-
-def xml(counts: str = "1000000", unit: str = "N") -> bytes:
-    return (
-        f"<netft><prodname>Net F/T</prodname><cfgcpf>{counts}</cfgcpf><cfgcpt>500</cfgcpt>"
-        f"<scfgfu>{unit}</scfgfu><scfgtu>N-mm</scfgtu></netft>"
-    ).encode()
-
-
-def test_the_scale_is_read_from_the_box_in_si() -> None:
-    assert NetFtScale.from_xml(xml(), "box") == (1e6, pytest.approx(5e5))
-    assert NetFtScale.from_xml(xml(unit="kN"), "box").counts_per_n == pytest.approx(1e3)
-
-
-@pytest.mark.parametrize(
-    ("content", "says"),
-    [
-        (b"<html>", "not XML"),
-        (b"<netft/>", "no <scfgfu>"),
-        (xml(counts="0"), "not a count"),
-        (xml(counts="1e6"), "not a count"),
-        (xml(unit="stone"), "unknown unit"),
-    ],
-)
-def test_a_wrong_configuration_page_says_what_is_wrong(content: bytes, says: str) -> None:
-    with pytest.raises(BadCalibration, match=says):
-        NetFtScale.from_xml(content, "box")

@@ -6,11 +6,12 @@ import pytest
 
 from hw.errors import BadReply, InstrumentRejected, LimitExceeded
 from hw.generator.agilent_33220a.simulator import Simulated33220A
-from hw.generator.dialogue import GeneratorDialogue
-from hw.generator.gate import OutputGate
-from hw.testing.faulty_instrument import Fault, FaultyInstrument
-from hw.testing.memory import MemoryTransport
+from hw.generator.dialogue import ScpiDialogue
+from hw.generator.keysight.gate import KeysightGate
+from hw.generator.settings import GeneratorSettings
 from tests.hw.instruments import IMMEDIATE
+from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
+from tests.hw.testing.memory import MemoryTransport
 
 READY = ["OUTP 0", "*RST", "OUTP:LOAD INF", "VOLT:UNIT VPP", "VOLT 1"]
 
@@ -18,7 +19,9 @@ READY = ["OUTP 0", "*RST", "OUTP:LOAD INF", "VOLT:UNIT VPP", "VOLT 1"]
 class Bench:
     def __init__(self) -> None:
         self.line = FaultyInstrument(Simulated33220A(IMMEDIATE))
-        self.dialogue = GeneratorDialogue(MemoryTransport(self.line), OutputGate(100.0, 300.0), 1.0)
+        self.dialogue = ScpiDialogue(
+            MemoryTransport(self.line), KeysightGate(GeneratorSettings(100.0, 300.0, 10.0, 10e3)), 1.0
+        )
         self.dialogue.open()
         self.dialogue.command(READY, [])
 

@@ -20,9 +20,9 @@ from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.safety.simulated_interlock import SimulatedInterlock
 from hw.safety.watchdog import BEAT, REST, Outcome, Watchdog, WatchdogSettings, wait_for_silence
 from hw.serving.tcp import TcpServer
-from hw.testing.faulty_instrument import Fault, FaultyInstrument
 from tests.clock import ManualClock
 from tests.hw.instruments import IMMEDIATE, closed_port
+from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 from tests.waiting import HANG_S, exists, until
 
 pytestmark = pytest.mark.timeout(2 * HANG_S)
@@ -268,7 +268,7 @@ def test_whatever_a_link_raises_the_other_instrument_is_switched_off(
     monkeypatch.setattr(hw.safety.watchdog, "make_transport", lambda name: Broken() if name == "broken" else made(name))
     settings = WatchdogSettings("broken", bench.server.resource, give_up_s=0.3, retry_s=0.1)
     broken, other = hw.safety.watchdog._instruments(settings)
-    other._off, other._answers = b"OUTP 0;:OUTP?\n", broken._answers  # a second generator in the interlock's place
+    other._off, other._answers = broken._off, broken._answers  # a second generator in the interlock's place
     assert hw.safety.watchdog.switch_off([broken, other], settings) is Outcome.OFF
     assert not bench.on
     other._transport.close()

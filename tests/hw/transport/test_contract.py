@@ -12,19 +12,19 @@ from typing import Any
 import pytest
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
+from hw.serving.responder import Disconnect
 from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
-from hw.testing.faulty_instrument import Disconnect
-from hw.testing.faulty_transport import Faulty
-from hw.testing.memory import MemoryTransport
 from hw.transport.contract import Bounds, Transport
 from hw.transport.serial import SerialTransport
 from hw.transport.tcp import TcpTransport
 from hw.transport.usbtmc import UsbTmcTransport
 from hw.transport.visa import VisaTransport
 from tests.hw.instruments import closed_port
-from tests.hw.usb_backend import SimulatedUsbBackend
-from tests.hw.wire_log import Recording
+from tests.hw.testing.faulty_transport import Faulty
+from tests.hw.testing.memory import MemoryTransport
+from tests.hw.testing.recording import Recording
+from tests.hw.testing.usb_backend import SimulatedUsbBackend
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -126,9 +126,10 @@ def test_a_long_answer_arrives_whole(transport: Transport) -> None:
 
 
 def test_a_long_binary_command_arrives_whole(transport: Transport) -> None:
-    command = b"BLOCK? #6%06d" % len(LONG) + LONG + b"\n"
+    block = LONG.replace(b"\n", b"\x00")
+    command = b"BLOCK? #6%06d" % len(block) + block + b"\n"
     # 8 bytes of header, and what their characters sum to: # 6 1 4 3 3 6 0
-    wanted = b"%d,%d" % (len(LONG) + 8, 560 * 255 * 128 + sum(b"#6143360"))
+    wanted = b"%d,%d" % (len(LONG) + 8, 560 * (255 * 128 - 10) + sum(b"#6143360"))
     assert transport.query(command, 20.0) == wanted
 
 

@@ -8,19 +8,9 @@ from dataclasses import replace
 import pytest
 
 from hw.errors import BadReply, InstrumentRejected, LimitExceeded
-from hw.generator.agilent_33220a.driver import (
-    Agilent33220A,
-    ArbitraryWaveform,
-    Burst,
-    ExternalModulation,
-    GeneratorSettings,
-    InternalModulation,
-    ModulationInput,
-    RangePolicy,
-    Shape,
-    TriggerSource,
-)
-from hw.testing.memory import MemoryTransport
+from hw.generator.agilent_33220a.driver import Agilent33220A
+from hw.generator.settings import ExternalModulation, GeneratorSettings, ModulationInput, RangePolicy, Shape
+from tests.hw.testing.memory import MemoryTransport
 
 # 100 V at the electrode per volt at the generator: 1 Vpp is 50 V peak.
 SETTINGS = GeneratorSettings(
@@ -311,7 +301,7 @@ def test_a_square_is_set_up_with_the_output_off_which_comes_back_on() -> None:
         levels(b"", b"250", b"1.2", function=b"SQU"),
         exchange(b"OUTP 1;:OUTP?", b"1"),
     )
-    driver.set_point(250.0, 60.0, waveform=Shape.SQUARE)
+    driver.set_point(250.0, 60.0, shape=Shape.SQUARE)
     assert not script.pairs
 
 
@@ -323,7 +313,7 @@ def test_a_constant_voltage_is_an_offset_without_frequency() -> None:
         exchange(b"FUNC DC;:FUNC?", b"DC"),
         (b"VOLT:OFFS -0.4;:" + without_frequency, b"DC;0.02;-0.4;VPP;9.9E37;0" + ERROR_FREE),
     )
-    driver.set_point(0.0, 60.0, -100.0, waveform=Shape.DC)
+    driver.set_point(0.0, 60.0, -100.0, shape=Shape.DC)
     assert not script.pairs
 
 
@@ -358,30 +348,13 @@ def test_external_modulation_programs_what_full_scale_makes_of_it() -> None:
     assert not script.pairs
 
 
-def test_internal_modulation() -> None:
-    driver, script = connected(
-        OUTPUT_IS_OFF,
-        BASE,
-        exchange(
-            b"AM:SOUR INT;:AM:INT:FUNC SIN;:AM:INT:FREQ 7;:AM:DEPT 50;:AM:STAT 1;"
-            b":AM:SOUR?;:AM:INT:FUNC?;:AM:INT:FREQ?;:AM:DEPT?;:AM:STAT?",
-            b"INT;SIN;+7.0E+00;+5.0E+01;1",
-        ),
-        levels(b"FREQ 250;:VOLT 4", b"250", b"4", modulated=b"1"),
-        settings=WITH_AM,
-    )
-    driver.set_point(250.0, 300.0, modulation=InternalModulation(7.0, depth=0.5))  # 2 V times 1.5 times 100
-    assert not script.pairs
-
-
-def test_modulation_is_refused_until_it_is_measured_and_for_one_sided_waveforms() -> None:
+def test_modulation_is_refused_until_it_is_measured_and_for_a_constant_voltage() -> None:
     driver, _ = connected()
     with pytest.raises(LimitExceeded, match="what modulation does to the amplitude is not set"):
         driver.set_point(250.0, 60.0, modulation=ExternalModulation())
     driver, _ = connected(settings=WITH_AM)
-    for waveform in (Shape.DC, ArbitraryWaveform.from_samples([0.0, 1.0])):
-        with pytest.raises(LimitExceeded, match="swings evenly"):
-            driver.set_point(250.0, 60.0, waveform=waveform, modulation=ExternalModulation())
+    with pytest.raises(LimitExceeded, match="that swings"):
+        driver.set_point(250.0, 60.0, shape=Shape.DC, modulation=ExternalModulation())
 
 
 @pytest.mark.parametrize(("share", "input_v"), [(0.0, -5.0), (0.5, 0.0), (1.0, 5.0), (0.25, -2.5)])
@@ -393,115 +366,6 @@ def test_the_envelope_at_modulation_in(share: float, input_v: float) -> None:
 def test_no_envelope_beyond_full_scale(share: float) -> None:
     with pytest.raises(ValueError, match="share"):
         ModulationInput(5.0, 1.0).input_v(share)
-
-
-STEPS = ArbitraryWaveform.from_samples([0.0, 50.0, 100.0, 0.0])  # one-sided: mean of the codes is -2047.75
-BYTE_ORDER = exchange(b"FORM:BORD NORM;:FORM:BORD?", b"NORM")
-BLOCK = (b"DATA:DAC VOLATILE, #18\xe0\x01\x00\x00\x1f\xff\xe0\x01\n", b"")
-ATTRIBUTES = b"DATA:ATTR:POIN? VOLATILE;:DATA:ATTR:PTP? VOLATILE;:DATA:ATTR:AVER? VOLATILE"
-
-
-def test_an_arbitrary_waveform_is_uploaded_big_endian_checked_and_selected_in_two_steps() -> None:
-    driver, script = connected(
-        OUTPUT_IS_OFF,
-        BASE,
-        BYTE_ORDER,
-        BLOCK,
-        NO_ERROR,
-        exchange(ATTRIBUTES, b"+4.0E+00;+1.0E+00;-2.5E-01"),
-        exchange(b"FUNC:USER VOLATILE;:FUNC:USER?", b"VOLATILE"),
-        exchange(b"FUNC USER;:FUNC?", b"USER"),
-        levels(b"VOLT:OFFS 1;:FREQ 250;:VOLT 2", b"250", b"2", offset=b"1", function=b"USER"),
-        levels(b"VOLT 1;:VOLT:OFFS 0.5", b"250", b"1", offset=b"0.5", function=b"USER"),
-    )
-    driver.set_point(250.0, 200.0, waveform=STEPS)  # 0 to 200 V: 2 Vpp about 1 V
-    driver.set_point(250.0, 100.0, waveform=STEPS)
-    assert not script.pairs
-
-
-def test_an_upload_as_text_needs_no_byte_order() -> None:
-    driver, script = connected(
-        BASE,
-        (b"DATA:DAC VOLATILE,-8191,0,8191,-8191\n", b""),
-        NO_ERROR,
-        exchange(ATTRIBUTES, b"4;2;-0.25"),
-        settings=replace(SETTINGS, binary_upload=False),
-    )
-    driver.upload(STEPS)
-    assert not script.pairs
-
-
-@pytest.mark.parametrize("answers", [b"3;1;-0.25", b"4;0.9;-0.25", b"4;1;0.25"])
-def test_an_upload_that_arrived_otherwise_is_an_error(answers: bytes) -> None:
-    driver, _ = connected(BASE, BYTE_ORDER, BLOCK, NO_ERROR, exchange(ATTRIBUTES, answers))
-    with pytest.raises(BadReply, match="GEN holds a waveform of"):
-        driver.upload(STEPS)
-
-
-def test_a_byte_order_that_does_not_take_stops_the_upload() -> None:
-    driver, _ = connected(BASE, exchange(b"FORM:BORD NORM;:FORM:BORD?", b"SWAP"), OFF)
-    with pytest.raises(BadReply, match="SWAP to FORM:BORD"):
-        driver.upload(STEPS)
-
-
-def test_a_refused_upload_is_the_instruments_own_error() -> None:
-    driver, _ = connected(BASE, BYTE_ORDER, BLOCK, (b"SYST:ERR?\n", b'+785,"Not able"\n'), NO_ERROR)
-    with pytest.raises(InstrumentRejected, match="785"):
-        driver.upload(STEPS)
-
-
-@pytest.mark.parametrize("samples", [[1.0], [1.0, 1.0], [0.0, math.nan], [[0.0, 1.0]], [0.0] * 65_537])
-def test_what_cannot_be_an_arbitrary_waveform(samples: list[float]) -> None:
-    with pytest.raises(LimitExceeded, match="arbitrary waveform"):
-        ArbitraryWaveform.from_samples(samples)
-
-
-def test_arbitrary_waveforms_have_a_lower_highest_frequency() -> None:
-    driver, _ = connected(settings=replace(SETTINGS, frequency_high_hz=20e6))
-    with pytest.raises(LimitExceeded, match=r"outside 10\.\.6e\+06"):
-        driver.set_point(7e6, 100.0, waveform=STEPS)
-
-
-def test_a_burst_is_armed_triggered_and_ended() -> None:
-    asked = b"BURS:MODE?;:BURS:NCYC?;:BURS:PHAS?;:TRIG:SOUR?;:BURS:STAT?"
-    driver, script = connected(
-        exchange(
-            b"BURS:MODE TRIG;:BURS:NCYC 25;:BURS:PHAS 0;:TRIG:SOUR BUS;:BURS:STAT 1;:" + asked,
-            b"TRIG;+2.5E+01;+0.0E+00;BUS;1",
-        ),
-        (b"*TRG;:SYST:ERR?\n", b'+0,"No error"\n'),
-        exchange(b"BURS:STAT 0;:BURS:STAT?", b"0"),
-    )
-    driver.set_burst(Burst(25))
-    driver.trigger()
-    driver.set_burst(None)
-    assert not script.pairs
-
-
-@pytest.mark.parametrize("cycles", [0, -1, 50_001])
-def test_bursts_are_finite(cycles: int) -> None:
-    with pytest.raises(ValueError, match="cycles"):
-        Burst(cycles, TriggerSource.EXTERNAL)
-
-
-def test_a_trigger_without_a_burst_is_an_error() -> None:
-    driver, _ = connected((b"*TRG;:SYST:ERR?\n", b'-211,"Trigger ignored"\n'), NO_ERROR)
-    with pytest.raises(InstrumentRejected, match="-211") as caught:
-        driver.trigger()
-    assert "trigger source" in caught.value.hint
-
-
-def test_status_is_events_status_byte_and_all_errors() -> None:
-    driver, script = connected(
-        (b"*ESR?;*STB?\n", b"+160;+4\n"),
-        (b"SYST:ERR?\n", b'-113,"Undefined header"\n'),
-        (b"SYST:ERR?\n", b'-350,"Queue overflow"\n'),
-        NO_ERROR,
-    )
-    status = driver.read_status()
-    assert (int(status.events), status.status_byte) == (128 + 32, 4)
-    assert status.errors == ('-113,"Undefined header"', '-350,"Queue overflow"')
-    assert not script.pairs
 
 
 def test_autoranging_as_a_policy_leaves_the_range_alone() -> None:

@@ -12,14 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
-from hw.generator.agilent_33220a.driver import Agilent33220A, GeneratorSettings
+from hw.generator.agilent_33220a.driver import Agilent33220A
 from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.generator.settings import GeneratorSettings
 from hw.serving.tcp import TcpServer
-from hw.testing.faulty_instrument import Fault, FaultyInstrument
-from hw.testing.memory import MemoryTransport
 from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
 from tests.hw.instruments import IMMEDIATE
+from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
+from tests.hw.testing.memory import MemoryTransport
 
 pytestmark = pytest.mark.timeout(60)
 

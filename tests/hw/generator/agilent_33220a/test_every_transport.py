@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 
-import numpy as np
 import pytest
 
-from hw.generator.agilent_33220a.driver import Agilent33220A, GeneratorSettings, LimitExceeded
+from hw.errors import LimitExceeded
+from hw.generator.agilent_33220a.driver import Agilent33220A
 from hw.generator.agilent_33220a.simulator import Simulated33220A
-from hw.generator.arbitrary_waveform import ArbitraryWaveform
+from hw.generator.settings import GeneratorSettings
 from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
-from hw.testing.memory import MemoryTransport
 from hw.transport.contract import Transport
 from hw.transport.marker import scpi_marker
 from hw.transport.serial import SerialTransport
 from hw.transport.tcp import TcpTransport
 from hw.transport.usbtmc import UsbTmcTransport
 from hw.transport.visa import VisaTransport
-from tests.hw.usb_backend import SimulatedUsbBackend
+from tests.hw.testing.memory import MemoryTransport
+from tests.hw.testing.usb_backend import SimulatedUsbBackend
 
 LINKS: dict[str, Callable[[Simulated33220A, ExitStack], Transport]] = {
     "memory": lambda core, stack: MemoryTransport(core),
@@ -61,13 +61,3 @@ def test_a_session_ends_as_told_and_off(pair: tuple[Simulated33220A, Agilent3322
     assert driver.off() is True
     core.advance(1.0)
     assert not core.output().on
-
-
-def test_a_long_upload_arrives_whole(pair: tuple[Simulated33220A, Agilent33220A]) -> None:
-    core, driver = pair
-    driver.connect()
-    wave = ArbitraryWaveform.from_samples(np.sin(np.linspace(0.0, 2.0 * np.pi, 2000, endpoint=False)))
-    driver.upload(wave)
-    driver.set_point(250.0, 75.0, waveform=wave)
-    assert core.handle(b"DATA:ATTR:POIN? VOLATILE\n").strip() in (b"+2000", b"2000", b"+2.0000000000000E+03")
-    assert driver.off() is True

@@ -1,0 +1,137 @@
+"""What sections of a rig's file are made of, and how a kind of part makes itself known.
+
+A package adds a kind by an entry point of one of the groups below that names a `PartKind`; the entry point's name
+is the value of `kind` in a rig's file.
+"""
+
+from __future__ import annotations
+
+import datetime
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, Union, get_args
+
+from pydantic import AfterValidator, Field, FiniteFloat
+
+from haptic_driver.config import Section
+from hw import plugins
+
+if TYPE_CHECKING:
+    from hw.analog.lines import AnalogInput, DigitalInput, DigitalOutput
+    from hw.analog.ni_daq import NiAnalogInputs
+    from hw.stage.lts150 import Lts150
+
+AMPLIFIERS = "haptic_driver.amplifiers"
+FORCE_SENSORS = "haptic_driver.force_sensors"
+ANALOG_OUTPUTS = "haptic_driver.analog_outputs"
+FINGER_TRACKERS = "haptic_driver.finger_trackers"
+SIMULATED = "simulated"
+NO_WATCHDOG = "none"
+
+_log = logging.getLogger(__name__)
+Device = TypeVar("Device")
+
+Positive = Annotated[FiniteFloat, Field(gt=0.0)]
+NotNegative = Annotated[FiniteFloat, Field(ge=0.0)]
+Seconds = Annotated[FiniteFloat, Field(gt=0.0, le=60.0)]
+Axis = Annotated[str, Field(pattern=r"^[+-]?[xyz]$")]
+Port = Annotated[int, Field(ge=1, le=65535)]
+
+
+def _known_form(resource: str) -> str:
+    if resource not in (SIMULATED, NO_WATCHDOG):
+        from hw.transport.resource import make_transport  # noqa: PLC0415 - imports what a real device needs
+
+        make_transport(resource)
+    return resource
+
+
+Resource = Annotated[str, AfterValidator(_known_form)]
+"""A name that `hw.transport.resource.make_transport` takes."""
+
+
+class Vouched(Section):
+    """A section whose figures somebody has to vouch for before the rig may come on."""
+
+    measured_by: str = ""
+    measured_at: datetime.date | None = None
+
+    @property
+    def verified(self) -> bool:
+        """Whether somebody does."""
+        return bool(self.measured_by.strip()) and self.measured_at is not None
+
+
+class PartSection(Section):
+    """A section whose `kind` says what is there. `files` are keys that name files beside the rig's file."""
+
+    files: ClassVar[tuple[str, ...]] = ()
+    needs_stage: ClassVar[bool] = False
+
+    kind: str
+
+    @property
+    def channels(self) -> list[str]:
+        """What it reads of the card of `[analog_inputs]`."""
+        return []
+
+    def calibration(self) -> str:
+        """Which calibration its figures come from, for whoever reads data later; raises DeviceError."""
+        return ""
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """What a part may be connected to: the card's inputs, the stage, and the lines of an amplifier."""
+
+    inputs: NiAnalogInputs | None = None
+    stage: Lts150 | None = None
+    enable: DigitalOutput | None = None
+    voltage_monitor: AnalogInput | None = None
+    current_monitor: AnalogInput | None = None
+    fault: DigitalInput | None = None
+
+
+@dataclass(frozen=True)
+class Part(Generic[Device]):
+    """A device, not open, and how it is opened and closed."""
+
+    device: Device
+    opening: Sequence[Callable[[], object]] = ()
+    closing: Sequence[Callable[[], object]] = ()
+
+
+@dataclass(frozen=True)
+class PartKind:
+    """The section that a kind reads, and how its device is made; without `make` it is no device of a real rig."""
+
+    section: type[PartSection]
+    make: Callable[[Any, Wiring], Part[Any]] | None = None
+
+
+def part_kind(group: str, name: str) -> PartKind:
+    """The installed kind of that name; ValueError says what is installed."""
+    kind = plugins.load(group, name, group.rpartition(".")[2].removesuffix("s").replace("_", " "))
+    if not isinstance(kind, PartKind) or name not in get_args(kind.section.model_fields["kind"].annotation):
+        raise ValueError(f"{group}: {name!r} names {kind!r}, not a PartKind whose section has this kind")
+    return kind
+
+
+def sections_of(group: str) -> Any:
+    """What may stand in a rig's file at a part of that group, by `kind`. One that cannot be loaded is left out."""
+    sections = []
+    for name in sorted(plugins.installed(group)):
+        try:
+            sections.append(part_kind(group, name).section)
+        except ValueError as error:
+            _log.warning("%s", error)
+    if not sections:
+        raise ImportError(f"nothing is installed under {group}: install haptic-driver anew, pip install --editable .")
+    return Annotated[Union[tuple(sections)], Field(discriminator="kind")] if len(sections) > 1 else sections[0]  # noqa: UP007
+
+
+def make_part(group: str, section: PartSection, wiring: Wiring) -> Part[Any] | None:
+    """The device that a section describes, not open; None where there is none."""
+    kind = part_kind(group, section.kind)
+    return None if kind.make is None else kind.make(section, wiring)

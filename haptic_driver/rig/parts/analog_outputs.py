@@ -1,0 +1,107 @@
+"""Kinds of analog outputs, for the fast envelope."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field, FiniteFloat, model_validator
+
+from haptic_driver.rig.part import Part, PartKind, PartSection, Positive, Seconds, Vouched, Wiring
+
+if TYPE_CHECKING:
+    from hw.analog.output import AnalogOutput, AnalogOutputSettings
+
+
+class NoAnalogOutput(PartSection):
+    """No fast envelope: amplitudes go over SCPI."""
+
+    kind: Literal["none"] = "none"
+
+
+class SomeAnalogOutput(Vouched, PartSection):
+    """What every analog output has; see `hw.analog.output.AnalogOutputSettings`.
+
+    `lead_s`: the envelope is written so far ahead of what is played. So late may the driver be without a gap, and so
+    much later is the voltage there.
+    """
+
+    low_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
+    high_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
+    zero_level_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
+    sample_rate_limit_hz: Positive
+    buffer_s: Seconds = 0.1
+    lead_s: Annotated[FiniteFloat, Field(ge=0.0005, le=1.0)] = 0.003
+    lease_s: Seconds = 0.5
+    timeout_s: Seconds = 0.5
+
+    @model_validator(mode="after")
+    def _ordered_levels(self) -> SomeAnalogOutput:
+        if self.lead_s > self.buffer_s:
+            raise ValueError("lead_s must not be above buffer_s")
+        if not (self.low_v <= self.zero_level_v <= self.high_v and self.low_v < self.high_v):
+            raise ValueError("low_v <= zero_level_v <= high_v must hold, with low_v < high_v")
+        return self
+
+    def settings(self) -> AnalogOutputSettings:
+        """The same, as the driver takes it."""
+        from hw.analog.output import AnalogOutputSettings
+
+        return AnalogOutputSettings(
+            self.low_v,
+            self.high_v,
+            self.zero_level_v,
+            self.sample_rate_limit_hz,
+            self.buffer_s,
+            self.lease_s,
+            self.timeout_s,
+        )
+
+
+class SimulatedAnalogOutputConfig(SomeAnalogOutput):
+    """The simulated rig's own."""
+
+    kind: Literal["simulated"]
+
+
+class NiAnalogOutputConfig(SomeAnalogOutput):
+    """An analog output of an NI card."""
+
+    kind: Literal["ni"]
+    channel: str
+
+
+def make_ni(section: NiAnalogOutputConfig, wiring: Wiring) -> Part[AnalogOutput]:
+    """See `hw.analog.ni_daq`."""
+    from hw.analog.ni_daq import NiAnalogOutput
+
+    output = NiAnalogOutput(section.channel, section.settings())
+    return Part(output, [output.open], [output.close])
+
+
+class SoundAnalogOutputConfig(SomeAnalogOutput):
+    """One channel of a sound card; see `hw.analog.sound_card`."""
+
+    kind: Literal["sound"]
+    device: str | int | None = None
+    channel: Annotated[int, Field(ge=0, le=31)] = 0
+    sample_rate_hz: Positive
+    full_scale_v: Positive
+    dc_coupled: bool
+    latency_s: Seconds = 0.02
+
+
+def make_sound(section: SoundAnalogOutputConfig, wiring: Wiring) -> Part[AnalogOutput]:
+    """See `hw.analog.sound_card`."""
+    from hw.analog.sound_card import SoundCardOutput, SoundSettings
+
+    sound = SoundSettings(
+        section.sample_rate_hz, section.full_scale_v, section.dc_coupled, section.channel, section.latency_s
+    )
+    output = SoundCardOutput(section.device, section.settings(), sound)
+    return Part(output, [output.open], [output.close])
+
+
+NONE = PartKind(NoAnalogOutput)
+SIMULATED = PartKind(SimulatedAnalogOutputConfig)
+NI = PartKind(NiAnalogOutputConfig, make_ni)
+SOUND = PartKind(SoundAnalogOutputConfig, make_sound)

@@ -1,0 +1,112 @@
+"""Kinds of finger trackers."""
+
+from __future__ import annotations
+
+import datetime
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field, FiniteFloat
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.rig.part import Part, PartKind, PartSection, Positive, Wiring
+
+if TYPE_CHECKING:
+    from hw.finger.touch_screen import TouchCalibration
+    from hw.finger.tracker import FingerTracker
+
+STAGE_INTERVAL_S = 0.005  # between questions for the stage's place
+
+
+class NoFingerTracker(PartSection):
+    """Nobody tells where the finger is."""
+
+    kind: Literal["none"] = "none"
+
+
+class StageFingerConfig(PartSection):
+    """The finger rides on the stage."""
+
+    needs_stage = True
+
+    kind: Literal["stage"]
+    origin_m: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
+    direction: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)] = Field(default=[1.0, 0.0])
+
+
+def make_stage(section: StageFingerConfig, wiring: Wiring) -> Part[FingerTracker]:
+    """Asks the stage for its place."""
+    from hw.finger.tracker import StageFinger
+
+    assert wiring.stage is not None  # or the file would have been refused
+    (x_m, y_m), (dx, dy) = section.origin_m, section.direction
+    finger = StageFinger(wiring.stage.read_status, origin_m=(x_m, y_m), direction=(dx, dy), interval_s=STAGE_INTERVAL_S)
+    return Part(finger, [finger.start], [finger.close])
+
+
+class EvdevFingerConfig(PartSection):
+    """A touch screen by its event device; `matrix_m` takes (x_raw, y_raw, 1) to metres.
+
+    `report_rate_hz` is how often it tells, for the latency by which positions are extrapolated.
+    """
+
+    kind: Literal["evdev"]
+    device: str
+    report_rate_hz: Positive = 100.0
+    matrix_m: Annotated[
+        list[Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]], Field(min_length=2, max_length=2)
+    ]
+    measured_at: datetime.date
+    placeholder: bool
+
+    def calibration(self) -> str:
+        """When, and whether it was."""
+        return f"{self.measured_at}{', placeholder' if self.placeholder else ''}"
+
+    def touch_calibration(self) -> TouchCalibration:
+        """The same, as the driver takes it; BadInputError for a matrix that is no map of a plane."""
+        from hw.finger.touch_screen import TouchCalibration
+
+        (a, b, c), (d, e, f) = self.matrix_m
+        try:
+            return TouchCalibration(((a, b, c), (d, e, f)), self.measured_at, self.placeholder)
+        except ValueError as error:
+            said, hint = f"finger_tracker.matrix_m: {error}", "Measure it with haptic calibrate-touch"
+            raise BadInputError("bad_config", said, hint) from error
+
+
+def make_evdev(section: EvdevFingerConfig, wiring: Wiring) -> Part[FingerTracker]:
+    """Opened at once: a touch screen that is not there is told before anything is switched."""
+    from hw.finger.touch_screen import open_touch_screen
+
+    screen = open_touch_screen(section.device, section.touch_calibration())
+    return Part(screen, closing=[screen.close])
+
+
+class RecordedFingerConfig(PartSection):
+    """A slide played back; the path of the CSV counts from the rig's file."""
+
+    files = ("file",)
+
+    kind: Literal["recorded"]
+    file: str
+
+
+def make_recorded(section: RecordedFingerConfig, wiring: Wiring) -> Part[FingerTracker]:
+    """Plays the slide once."""
+    from haptic_driver.rig.slide import read_slide
+    from hw.finger.tracker import RecordedFinger
+
+    slide = read_slide(Path(section.file))
+    return Part(
+        RecordedFinger(
+            slide.time_s, slide.position_m, 0.0 * slide.position_m, slide.normal_force_n > 0.0, clock=time.monotonic
+        )
+    )
+
+
+NONE = PartKind(NoFingerTracker)
+STAGE = PartKind(StageFingerConfig, make_stage)
+EVDEV = PartKind(EvdevFingerConfig, make_evdev)
+RECORDED = PartKind(RecordedFingerConfig, make_recorded)

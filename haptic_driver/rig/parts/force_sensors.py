@@ -1,0 +1,117 @@
+"""Kinds of force sensors."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field, FiniteFloat
+
+from haptic_driver.rig.part import Axis, Part, PartKind, PartSection, Port, Positive, Wiring
+
+if TYPE_CHECKING:
+    from hw.force.net_ft import NetFt, NetFtSettings
+    from hw.force.sensor import GaugeForceSensor
+
+
+class SimulatedForceSensorConfig(PartSection):
+    """The simulated rig's own."""
+
+    kind: Literal["simulated"]
+
+
+class NiForceSensorConfig(PartSection):
+    """An ATI transducer on the card of `[analog_inputs]`: six channels, gauges 0 to 5 in order.
+
+    The calibration file's path counts from the rig's file.
+    """
+
+    files = ("calibration_file",)
+
+    kind: Literal["ni"]
+    gauges: Annotated[list[str], Field(min_length=6, max_length=6)]
+    calibration_file: str
+    samples_per_reading: Annotated[int, Field(ge=1, le=100_000)]
+    samples_per_bias: Annotated[int, Field(ge=1, le=1_000_000)]
+    normal_axis: Axis
+    lateral_axis: Axis
+
+    @property
+    def channels(self) -> list[str]:
+        """The gauges."""
+        return self.gauges
+
+    def calibration(self) -> str:
+        """The transducer's, and what its file held."""
+        from hw.force.ati_calibration import AtiCalibration
+
+        file = Path(self.calibration_file)
+        sensor = AtiCalibration.from_file(file)
+        content = hashlib.sha256(file.read_bytes()).hexdigest()
+        return f"{sensor.serial}, calibrated {sensor.calibrated_on}, SHA-256 {content}"
+
+
+def make_ni(section: NiForceSensorConfig, wiring: Wiring) -> Part[GaugeForceSensor]:
+    """Six columns of the card."""
+    from hw.force.ati_calibration import AtiCalibration
+    from hw.force.sensor import ForceAxes, GaugeForceSensor
+
+    assert wiring.inputs is not None  # or the file would have been refused
+    gauges = GaugeForceSensor(
+        wiring.inputs.columns(section.gauges),
+        AtiCalibration.from_file(Path(section.calibration_file)),
+        ForceAxes(section.normal_axis, section.lateral_axis),
+        samples_per_reading=section.samples_per_reading,
+        samples_per_bias=section.samples_per_bias,
+    )
+    return Part(gauges, [gauges.take_bias])
+
+
+class NetFtForceSensorConfig(PartSection):
+    """An ATI Net F/T box; see `hw.force.net_ft.NetFtSettings`."""
+
+    kind: Literal["net_ft"]
+    host: str
+    port: Port = 49152
+    counts_per_n: Positive
+    counts_per_n_m: Positive
+    timeout_s: Annotated[FiniteFloat, Field(gt=0.0, le=5.0)] = 0.1
+    ignored_status: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
+    f_t_sequence_advances: bool = True
+    bias_tolerance_n: Positive = 0.2
+    normal_axis: Axis
+    lateral_axis: Axis
+
+    def calibration(self) -> str:
+        """The box's own scale."""
+        return f"{self.counts_per_n:g} counts per N, {self.counts_per_n_m:g} per N m"
+
+    def settings(self) -> NetFtSettings:
+        """The same, as the driver takes it."""
+        from hw.force.net_ft import NetFtScale, NetFtSettings
+        from hw.force.sensor import ForceAxes
+
+        return NetFtSettings(
+            self.host,
+            NetFtScale(self.counts_per_n, self.counts_per_n_m),
+            ForceAxes(self.normal_axis, self.lateral_axis),
+            port=self.port,
+            timeout_s=self.timeout_s,
+            ignored_status=self.ignored_status,
+            f_t_sequence_advances=self.f_t_sequence_advances,
+            bias_tolerance_n=self.bias_tolerance_n,
+        )
+
+
+def make_net_ft(section: NetFtForceSensorConfig, wiring: Wiring) -> Part[NetFt]:
+    """A client of the box."""
+    from hw.force.net_ft import NetFt
+
+    net_ft = NetFt(section.settings())
+    return Part(net_ft, [net_ft.open, net_ft.take_bias], [net_ft.close])
+
+
+SIMULATED = PartKind(SimulatedForceSensorConfig)
+NI = PartKind(NiForceSensorConfig, make_ni)
+NET_FT = PartKind(NetFtForceSensorConfig, make_net_ft)

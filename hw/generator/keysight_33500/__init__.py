@@ -1,0 +1,1 @@
+"""The Keysight 33500B and 33600A: driver and simulator."""

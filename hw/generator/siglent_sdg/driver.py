@@ -1,0 +1,120 @@
+"""The Siglent SDG1000X and SDG2000X series, channel 1 (Teledyne's T3AFG speaks the same)."""
+
+from __future__ import annotations
+
+import re
+
+from hw.errors import BadReply
+from hw.generator.dialogue import NOT_WHOLE, GeneratorDialogue
+from hw.generator.driver import GeneratorDriver, Programmed, near, steps
+from hw.generator.settings import GeneratorSettings
+from hw.generator.siglent_sdg.gate import LEAST_VPP, SiglentGate
+from hw.transport.contract import Transport
+
+_KEYS = {"offset_v": "OFST", "frequency_hz": "FRQ", "amplitude_vpp": "AMP"}
+_UNIT = re.compile(r"(HZ|V)$")
+# What is read back may differ by this share, or by this much, since small levels have few digits (unverified).
+_LEVEL_TOLERANCE = 1e-3
+_LEVEL_LSB_V = 1e-3
+_FREQUENCY_TOLERANCE = 1e-6
+_OUTPUT = re.compile(r"C1:OUTP (?P<state>ON|OFF),LOAD,(?P<load>\w+),.*")
+
+
+class SiglentSdg(GeneratorDriver):
+    """Driver of channel 1: sines with an offset, without modulation.
+
+    The instrument takes one setting per message, and clips and ignores without telling: everything is read back, and
+    what is not as set is switched off. Where nothing is believed any more it is reset with its output off, since a
+    reset alone ends all that the front panel can add (channels that are combined, harmonics). Answers are those that
+    Siglent's programming guide and public clients show; none was seen by this project on an instrument: unverified.
+    """
+
+    model = re.compile(r"(SDG[12]\d\d\dX|T3AFG)\S*")
+    amplitude_low_vpp = LEAST_VPP  # 2 mVpp to 10 Vpp into 50 ohm, doubled open; up to 10 MHz
+    amplitude_high_vpp = 20.0
+
+    def __init__(self, transport: Transport, settings: GeneratorSettings) -> None:
+        self._line = GeneratorDialogue(transport, SiglentGate(settings), settings.reply_timeout_s)
+        super().__init__(self._line, settings)
+
+    def _ask_state(self) -> tuple[bool, bool, str]:
+        (output_on, load), wave = self._output(), self._pairs("BSWV")
+        programmed = ", ".join(f"{key} {wave[key]}" for key in ("WVTP", "AMP", "OFST") if key in wave)
+        return output_on, load == "HZ", programmed
+
+    def _reset(self) -> None:
+        for line in ("C1:OUTP OFF", "*RST", "C1:OUTP OFF"):
+            self._line.send(line)
+        self._check_output(self._ask_output(), on=False)
+
+    def _set_up(self) -> None:
+        self._reset()
+        base = self._base()
+        for line in (
+            "C1:OUTP LOAD,HZ", f"C1:BSWV AMP,{LEAST_VPP:g}", "C1:BSWV OFST,0", "C1:BSWV WVTP,SINE",
+            f"C1:BSWV FRQ,{base.frequency_hz:.12g}",
+        ):  # fmt: skip
+            self._line.send(line)
+        self._check_state(base)
+
+    def _program(self, believed: Programmed, wanted: Programmed) -> None:
+        for name, value in steps(believed, wanted):
+            self._line.send(f"C1:BSWV {_KEYS[name]},{value:.12g}")
+        self._check_state(wanted)
+
+    def _ask_output(self) -> bool:
+        return self._output()[0]
+
+    def _switch(self, on: bool) -> bool:
+        self._line.send(f"C1:OUTP {'ON' if on else 'OFF'}")
+        return self._ask_output()
+
+    def _try_off(self, *, levels: bool) -> bool:
+        if levels:
+            self._line.send(f"C1:BSWV AMP,{LEAST_VPP:g}")
+            self._line.send("C1:BSWV OFST,0")
+        return self._switch(False)
+
+    # --- what is read back -----------------------------------------------------------------------------------------
+
+    def _output(self) -> tuple[bool, str]:
+        """Whether the output is on, and the load that levels are shown for, "HZ" for an open circuit."""
+        reply = self._line.query("C1:OUTP?")
+        match = _OUTPUT.fullmatch(reply)
+        if match is None:
+            raise self._line.bad_reply(f"answered {reply[:80]!r} to 'C1:OUTP?'", NOT_WHOLE)
+        return match["state"] == "ON", match["load"]
+
+    def _pairs(self, header: str) -> dict[str, str]:
+        """The keys and values that a header's question is answered with."""
+        reply = self._line.query(f"C1:{header}?")
+        fields = reply.removeprefix(f"C1:{header} ").split(",")
+        if not reply.startswith(f"C1:{header} ") or len(fields) % 2:
+            raise self._line.bad_reply(f"answered {reply[:80]!r} to 'C1:{header}?'", NOT_WHOLE)
+        return dict(zip(fields[::2], fields[1::2], strict=True))
+
+    def _check_state(self, wanted: Programmed) -> None:
+        """What is not as set may be any voltage, so it is switched off."""
+        try:
+            wave, (_, load), modulation = self._pairs("BSWV"), self._output(), self._line.query("C1:MDWV?")
+            frequency_hz, amplitude_vpp, offset_v = (
+                self._line.number(_UNIT.sub("", wave.get(key, ""))) for key in ("FRQ", "AMP", "OFST")
+            )
+            as_set = (
+                wave["WVTP"] == "SINE"
+                and near(frequency_hz, wanted.frequency_hz, _FREQUENCY_TOLERANCE)
+                and near(amplitude_vpp, wanted.amplitude_vpp, _LEVEL_TOLERANCE, _LEVEL_LSB_V)
+                and near(offset_v, wanted.offset_v, _LEVEL_TOLERANCE, _LEVEL_LSB_V)
+                and load == "HZ"
+                and modulation == "C1:MDWV STATE,OFF"
+            )
+            shown = f"{wave}, load {load}, {modulation}"
+        except (BadReply, KeyError) as error:
+            as_set, shown = False, str(error)
+        if not as_set:
+            self.off()
+            raise self._line.bad_reply(
+                f"holds {shown} where SINE, {wanted.frequency_hz:g} Hz, {wanted.amplitude_vpp:g} Vpp, "
+                f"offset {wanted.offset_v:g} V and an open load were set",
+                NOT_WHOLE,
+            )

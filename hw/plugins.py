@@ -1,0 +1,42 @@
+"""Kinds of devices that are installed, by entry point: a package outside this one adds a kind by naming it."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from functools import cache
+from importlib.metadata import EntryPoint, distributions
+from typing import Any
+
+
+@cache
+def _all() -> tuple[EntryPoint, ...]:
+    return tuple(point for distribution in distributions() for point in distribution.entry_points)
+
+
+def installed(group: str) -> dict[str, EntryPoint]:
+    """The entry points of a group by name; none of them is loaded."""
+    found: dict[str, EntryPoint] = {}
+    for point in _all():
+        if point.group == group:
+            found.setdefault(point.name, point)  # the first on the path, as for imports
+    return found
+
+
+def known(group: str, name: str, what: str) -> str:
+    """Return `name` if something of that name is installed; ValueError lists what is, the nearest first."""
+    names = sorted(installed(group))
+    if name not in names:
+        close = get_close_matches(name, names, n=1, cutoff=0.5)
+        meant = f"did you mean {close[0]!r}? " if close else ""
+        raise ValueError(f"{name!r} is no {what} that is installed; {meant}Installed: {', '.join(names) or 'none'}")
+    return name
+
+
+@cache
+def load(group: str, name: str, what: str) -> Any:
+    """What the entry point names; ValueError as `known`, or for one that cannot be loaded."""
+    point = installed(group)[known(group, name, what)]
+    try:
+        return point.load()
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"{what} {name!r} ({point.value}) cannot be loaded: {error}") from error

@@ -1,1 +1,0 @@
-"""Links and instruments that fail, record, replay or exist in memory only."""

@@ -1,0 +1,200 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hw.generator.keysight.scpi import ScpiEngine, ScpiError, only, parse_boolean, parse_choice, parse_number
+
+
+class Lamp:
+    """A made-up instrument: two lamps with colours."""
+
+    def __init__(self) -> None:
+        self.colour = {"A": "RED", "B": "RED"}
+        self.log: list[str] = []
+        self.engine = ScpiEngine(
+            "Maker,Lamp,1,1.0",
+            reset=lambda: self.log.append("reset"),
+            executed=lambda: None,
+        )
+        for lamp in "AB":
+            self.engine.command(
+                f"LAMP:{lamp}:COLour",
+                lambda a, lamp=lamp: self.colour.update({lamp: parse_choice(only(a), ("RED", "GREen"))}),
+                lambda _, lamp=lamp: self.colour[lamp],
+            )
+            self.engine.command(f"LAMP:{lamp}:POWer", query=lambda _, lamp=lamp: f"power {lamp}")
+
+    def __call__(self, message: str) -> str:
+        return self.engine.handle(message.encode("latin-1") + b"\n").decode("latin-1")
+
+
+@pytest.fixture
+def lamp() -> Lamp:
+    return Lamp()
+
+
+@pytest.mark.parametrize("header", ["LAMP:A:COLOUR", "lamp:a:col", ":LAMP:A:COL", ":Lamp:a:Colour", "  LAMP:A:COL"])
+def test_long_short_case_and_leading_colon(lamp: Lamp, header: str) -> None:
+    assert lamp(f"{header} green") == ""
+    assert lamp(f"{header}?") == "GRE\n"
+
+
+def test_only_the_two_forms_are_accepted(lamp: Lamp) -> None:
+    assert lamp("LAMP:A:COLO GRE;:SYST:ERR?") == ""  # a command error ends the message
+    assert lamp("SYST:ERR?") == '-113,"Undefined header"\n'
+
+
+def test_a_compound_message_answers_in_one_line(lamp: Lamp) -> None:
+    assert lamp("LAMP:A:COL?;:LAMP:B:POW?;*IDN?") == "RED;power B;Maker,Lamp,1,1.0\n"
+
+
+def test_a_header_without_colon_continues_in_the_last_subsystem(lamp: Lamp) -> None:
+    assert lamp("LAMP:B:COL GRE;POW?;COL?") == "power B;GRE\n"
+    assert lamp("LAMP:B:COL?;A:COL?") == "GRE\n"  # no A below LAMP:B
+    assert lamp("SYST:ERR?") == '-113,"Undefined header"\n'
+
+
+def test_common_commands_do_not_change_the_subsystem(lamp: Lamp) -> None:
+    assert lamp("LAMP:B:COL GRE;*OPC?;COL?") == "1;GRE\n"
+
+
+def test_lines_are_separate_messages(lamp: Lamp) -> None:
+    assert lamp("LAMP:A:COL?\r\nLAMP:B:POW?") == "RED\npower B\n"
+
+
+def test_a_command_error_ends_the_message_an_execution_error_does_not(lamp: Lamp) -> None:
+    assert lamp("LAMP:A:COL BLUE;:LAMP:A:COL?") == "RED\n"
+    assert lamp("LAMP:A:COL? ;:NONSENSE 1;:LAMP:A:COL?") == "RED\n"
+    assert lamp("SYST:ERR?;:SYST:ERR?;:SYST:ERR?") == (
+        '-224,"Illegal parameter value";-113,"Undefined header";+0,"No error"\n'
+    )
+
+
+@pytest.mark.parametrize(
+    ("message", "code"),
+    [
+        ("LAMP:A:POW 3", -113),
+        ("*FOO", -113),
+        ("\xff\x00", -102),
+        ("LAMP:A:COL", -109),
+        ("LAMP:A:COL RED,RED", -108),
+    ],
+)
+def test_errors_by_code(lamp: Lamp, message: str, code: int) -> None:
+    lamp(message)
+    assert lamp("SYST:ERR?").startswith(f"{code},")
+
+
+def test_the_error_queue_holds_twenty(lamp: Lamp) -> None:
+    for _ in range(25):
+        lamp("NONSENSE")
+    codes = [lamp("SYST:ERR?").partition(",")[0] for _ in range(21)]
+    assert codes == ["-113"] * 19 + ["-350", "+0"]
+
+
+def test_event_status_by_class_of_error(lamp: Lamp) -> None:
+    assert lamp("*ESR?") == "128\n"  # power on
+    lamp("NONSENSE")
+    assert lamp("*ESR?") == "32\n"
+    lamp("LAMP:A:COL BLUE")
+    assert lamp("*ESR?") == "16\n"
+    lamp("*OPC")
+    assert lamp("*ESR?;*ESR?") == "1;0\n"
+    lamp.engine.post(-410)
+    lamp.engine.post(720)
+    assert lamp("*ESR?") == "12\n"
+
+
+def test_a_reset_reaches_the_instrument(lamp: Lamp) -> None:
+    assert lamp("*WAI;*RST") == ""
+    assert lamp.log == ["reset"]
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("5", "HZ", 5.0),
+        ("5 kHz", "HZ", 5e3),
+        ("5MHZ", "HZ", 5e6),
+        ("20 mV", "V", 0.02),
+        ("-1.5e-3", "V", -1.5e-3),
+        ("1E3", "", 1e3),
+        (".5", "", 0.5),
+        ("+2.", "", 2.0),
+        ("20 NS", "S", 2e-8),
+        ("MAX", "V", 7.0),
+        ("maximum", "", 7.0),
+    ],
+)
+def test_numbers(text: str, unit: str, value: float) -> None:
+    assert parse_number(text, unit, {"MAXimum": 7.0}) == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [("5 V", -131), ("nan", -104), ("1_0", -104), ("", -104), ("5 XHZ", -131), ("1E999", -123), ("-1E308 KHZ", -123)],
+)
+def test_bad_numbers(text: str, code: int) -> None:
+    with pytest.raises(ScpiError) as caught:
+        parse_number(text, "HZ")
+    assert caught.value.code == code
+
+
+@pytest.mark.parametrize(("text", "value"), [("1", True), ("on", True), ("0", False), ("Off", False)])
+def test_booleans(text: str, value: bool) -> None:
+    assert parse_boolean(text) is value
+
+
+class Box:
+    """A made-up instrument that keeps what it is sent under optional nodes."""
+
+    def __init__(self) -> None:
+        self.got: list[list[str]] = []
+        self.engine = ScpiEngine("M,B,1,1", reset=lambda: None, executed=lambda: None)
+        self.engine.command("[SOURce:]VOLTage[:LEVel][:IMMediate][:AMPLitude]", self.got.append, lambda _: "level")
+        self.engine.command("[SOURce:]VOLTage[:LEVel][:IMMediate]:OFFSet", self.got.append, lambda _: "offset")
+
+    def __call__(self, message: bytes) -> bytes:
+        return self.engine.handle(message)
+
+
+@st.composite
+def spelling(draw: st.DrawFn, keywords: tuple[tuple[str, bool], ...]) -> str:
+    """Any way to write a header whose second items say which keywords may be left out."""
+    chosen = [word for word, optional in keywords if not (optional and draw(st.booleans()))]
+    forms = [draw(st.sampled_from([word, "".join(c for c in word if not c.islower())])) for word in chosen]
+    cased = [
+        "".join(c.upper() if draw(st.booleans()) else c.lower() for c in form) if draw(st.booleans()) else form
+        for form in forms
+    ]
+    return draw(st.sampled_from(["", ":"])) + ":".join(cased)
+
+
+PATH = (("SOURce", True), ("VOLTage", False), ("LEVel", True), ("IMMediate", True))
+
+
+@given(spelling((*PATH, ("AMPLitude", True))), spelling((*PATH, ("OFFSet", False))))
+def test_every_spelling_of_a_header_means_the_same(level: str, offset: str) -> None:
+    box = Box()
+    assert box(f"{level}?\n{offset}?\n".encode()) == b"level\noffset\n"
+    assert box(f"{level} 1.5;:{offset.lstrip(':')} 2\n".encode()) == b""
+    assert box.got == [["1.5"], ["2"]]
+
+
+@pytest.mark.parametrize(
+    "header", ["VOL", "VOLTA", "VOLTAGES", "SOU:VOLT", "VOLT:LEVE", "VOLT:OFF", "VOLT:AMPL:LEV", "LEV", "VOLT:SOUR"]
+)
+def test_any_other_spelling_is_unknown(header: str) -> None:
+    box = Box()
+    assert box(f"{header} 1\n".encode()) == b""
+    assert box(b"SYST:ERR?\n").startswith(b"-113,")
+    assert box.got == []
+
+
+def test_overflow_is_a_device_error_too(lamp: Lamp) -> None:
+    lamp("*CLS")
+    for _ in range(21):
+        lamp("NONSENSE")
+    assert lamp("*ESR?") == "40\n"  # command errors, and -350

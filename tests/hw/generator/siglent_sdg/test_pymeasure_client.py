@@ -1,0 +1,62 @@
+"""pymeasure's driver of Teledyne's T3AFG, in Siglent's dialect: an independent client of the simulated SDG."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from hw.generator.siglent_sdg.simulator import SimulatedSdg
+from hw.serving.tcp import TcpServer
+from tests.hw.instruments import IMMEDIATE
+
+pytestmark = pytest.mark.timeout(60)
+
+
+@pytest.fixture
+def simulated() -> SimulatedSdg:
+    return SimulatedSdg(IMMEDIATE)
+
+
+@pytest.fixture
+def client(simulated: SimulatedSdg) -> Iterator[Any]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # pymeasure's own, at class construction
+        from pymeasure.instruments.teledyne import TeledyneT3AFG
+
+        with TcpServer(simulated) as server:
+            client = TeledyneT3AFG(server.resource, visa_library="@py", write_termination="\n", timeout=3000)
+            client.adapter.connection.read_termination = "\n"
+            yield client
+            client.adapter.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("wavetype", "SQUARE"),
+        ("wavetype", "RAMP"),
+        ("wavetype", "SINE"),
+        ("frequency", 4700.0),
+        ("amplitude", 1.5),
+        ("offset", -0.25),
+        ("output_enabled", True),
+        ("output_enabled", False),
+    ],
+)
+def test_every_property_is_accepted_and_read_back(client: Any, name: str, value: Any) -> None:
+    setattr(client.ch_1, name, value)
+    assert getattr(client.ch_1, name) == (value if isinstance(value, (str, bool)) else pytest.approx(value))
+
+
+def test_what_the_client_sets_is_at_the_terminals(client: Any, simulated: SimulatedSdg) -> None:
+    client.reset()
+    client.ch_1.frequency = 250.0
+    client.ch_1.amplitude = 1.0
+    client.ch_1.offset = 0.5
+    assert client.ch_1.output_enabled is False
+    client.ch_1.output_enabled = True
+    assert client.id.split(",")[1] == "SDG1032X"
+    assert simulated.output() == (250.0, pytest.approx(0.5), pytest.approx(0.5), True)

@@ -1,0 +1,69 @@
+"""The simulated SDG: its load trap, its silence about what it clips, and its answers."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hw.generator.contract import TerminalOutput
+from hw.generator.siglent_sdg.simulator import SimulatedSdg
+from tests.hw.instruments import IMMEDIATE
+
+
+def ask(generator: SimulatedSdg, *lines: str) -> str:
+    return generator.handle("".join(f"{line}\n" for line in lines).encode()).decode()
+
+
+def test_after_reset_the_answer_is_that_of_a_real_one() -> None:
+    """As public clients have it from an SDG2042X."""
+    generator = SimulatedSdg(IMMEDIATE)
+    answer = "WVTP,SINE,FRQ,1000HZ,PERI,0.001S,AMP,4V,AMPVRMS,1.414Vrms,OFST,0V,HLEV,2V,LLEV,-2V,PHSE,0"
+    assert ask(generator, "*RST", "C1:BSWV?") == f"C1:BSWV {answer}\n"
+    assert ask(generator, "C1:OUTP?", "C1:OUTPUT?") == 2 * "C1:OUTP OFF,LOAD,HZ,PLRT,NOR\n"
+    assert ask(generator, "C1:BSWV WVTP,DC", "C1:BSWV OFST,1.5", "C1:BSWV?") == "C1:BSWV WVTP,DC,OFST,1.5V\n"
+
+
+def test_a_load_rescales_what_is_shown_and_not_what_is_there() -> None:
+    generator = SimulatedSdg(IMMEDIATE)
+    ask(generator, "C1:BSWV AMP,4", "C1:BSWV OFST,1", "C1:OUTP ON,LOAD,50")
+    assert "AMP,2V" in ask(generator, "C1:BSWV?")
+    assert "OFST,0.5V,HLEV,1.5V,LLEV,-0.5V" in ask(generator, "C1:BSWV?")
+    assert generator.output() == (1e3, pytest.approx(2.0), pytest.approx(1.0), True)
+    ask(generator, "C1:OUTP LOAD,10")
+    assert ask(generator, "C1:OUTP?") == "C1:OUTP ON,LOAD,50,PLRT,NOR\n"
+
+
+@pytest.mark.parametrize(
+    ("setting", "shown"),
+    [
+        ("AMP,30", "AMP,20V"),
+        ("AMP,0.001", "AMP,0.004V"),
+        ("FRQ,5E7", "FRQ,30000000HZ"),
+        ("OFST,9", "OFST,8V"),
+        ("AMP,NONSENSE", "AMP,4V"),
+        ("WVTP,TRIANGLE", "WVTP,SINE"),
+        ("FRQ,2000HZ,AMP,3V", "AMP,3V"),
+    ],
+)
+def test_what_cannot_be_is_clipped_or_ignored_without_a_word(setting: str, shown: str) -> None:
+    generator = SimulatedSdg(IMMEDIATE)
+    assert ask(generator, f"C1:BSWV {setting}") == ""
+    assert f"{shown}," in ask(generator, "C1:BSWV?")
+
+
+@settings(max_examples=100)
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(["BSWV AMP", "BSWV OFST", "BSWV FRQ", "OUTP LOAD"]), st.floats().map("{:g}".format)),
+        max_size=12,
+    ),
+    st.binary(max_size=40),
+)
+def test_nothing_makes_more_than_ten_volts(commands: list[tuple[str, str]], noise: bytes) -> None:
+    seen: list[TerminalOutput] = []
+    generator = SimulatedSdg(IMMEDIATE, listener=seen.append)
+    ask(generator, "C1:OUTP ON", *(f"C1:{key},{value}" for key, value in commands))
+    generator.handle(noise + b"\n")
+    for output in seen:
+        assert output.amplitude_v + abs(output.offset_v) <= 10.0 + 1e-9
