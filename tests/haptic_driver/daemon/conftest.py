@@ -10,6 +10,7 @@ from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.rig.config import load_rig
 from tests.haptic_driver.daemon import electrode, killing
+from tests.waiting import until
 
 killable_daemon = killing.killable_daemon
 
@@ -31,6 +32,8 @@ def running(settings):
 
 @pytest.fixture
 def daemon(running):
+    """It, once its sensors are heard: a busy machine may keep them waiting."""
+    until(lambda: not running.supervisor.silent())
     yield running
     running.disarm()
 

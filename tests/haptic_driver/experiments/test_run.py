@@ -160,7 +160,7 @@ def test_the_output_is_on_for_rows_with_voltage_only(config: RigConfig, model: T
     bench = SimulatedBench(config, model, seed=1)
     between: list[float] = []
     with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
-        evidence = run(experiment, bench, data, lambda done: between.append(bench.simulated.voltage_v))
+        evidence = run(experiment, bench, data, lambda done: between.append(bench.simulated.instruments.voltage_v))
         assert evidence.output_on is False
     assert between == [0.0] * len(experiment.rows)
     driven = sum(row.setting.voltage_v > 0.0 for row in experiment.rows)
@@ -187,7 +187,7 @@ def test_a_killed_measurement_resumes_to_the_same_rows(
 
     with pytest.raises(Stop), DataFile.create(killed, experiment.identity()) as data, bench:
         run(experiment, bench, data, stop)
-    assert bench.simulated.voltage_v == 0.0
+    assert bench.simulated.instruments.voltage_v == 0.0
     with killed.open("a") as file:
         file.write(cut)  # of a row that was being written
     with DataFile.resume(killed, experiment.identity(), experiment.rows) as data:
@@ -209,8 +209,8 @@ def test_the_voltage_falls_when_a_row_is_interrupted(
     seen: list[float] = []
 
     def read_force() -> Any:
-        if bench.simulated.voltage_v > 70.0:
-            seen.append(bench.simulated.voltage_v)
+        if bench.simulated.instruments.voltage_v > 70.0:
+            seen.append(bench.simulated.instruments.voltage_v)
             raise KeyboardInterrupt
         return force()
 
@@ -220,7 +220,7 @@ def test_the_voltage_falls_when_a_row_is_interrupted(
         with pytest.raises(KeyboardInterrupt):
             run(experiment, bench, data)
         assert seen
-        assert bench.simulated.voltage_v == 0.0
+        assert bench.simulated.instruments.voltage_v == 0.0
         assert bench.rig.off().output_on is False
     assert len(table(tmp_path / "data.csv")) == data.done
 
