@@ -27,7 +27,8 @@ def package(tmp_path) -> Path:
     (folder / "__init__.py").touch()
     shutil.copy(SOURCES / "render" / "compiled.py", folder)
     (folder.parent / "signals.py").write_text(
-        "from typing import NamedTuple\n\nArray = object\n\n\nclass Finger(NamedTuple):\n    first: float\n    second: float\n"
+        "from typing import NamedTuple\n\nArray = object\n\n\n"
+        "class Finger(NamedTuple):\n    first: float\n    second: float\n"
     )
     (folder / "constant.py").write_text("FACTOR = 2.0\n")
     (folder / "user.py").write_text(
