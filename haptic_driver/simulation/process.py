@@ -61,7 +61,7 @@ class SlidingFinger:
         self._slide = slide or synthetic_slide()
         self._speed_m_s = self._slide.speed_m_s
         self._began_s = time.monotonic()
-        self._screen = SimulatedTouchScreen(PANEL, slots=0, clock=time.monotonic)
+        self._screen = SimulatedTouchScreen(PANEL, clock=time.monotonic)
         self._lines_server = TcpServer(LinesServer(self.instruments))
         self._touch_server = _TouchServer(self._screen)
         card = self.instruments.card
