@@ -257,7 +257,8 @@ class _Parts:
         if given is None:
             return None
         transport = make_transport(given.resource)
-        stage = Lts150(transport, stage_settings(given), set_rts=_rts_of(transport))
+        set_rts = transport.set_rts if isinstance(transport, SerialTransport) else None
+        stage = Lts150(transport, stage_settings(given), set_rts=set_rts)
         self.after_rig.append(stage.connect)
         self.closing.insert(0, stage.close)
         return stage
@@ -306,7 +307,3 @@ def stage_settings(given: rig_config.StageConfig) -> StageSettings:
     """The stage's share of a rig's file."""
     low_m, high_m = given.travel_m
     return StageSettings(low_m, high_m, **given.model_dump(exclude={"resource", "travel_m"}))
-
-
-def _rts_of(transport: Transport) -> Callable[[bool], bool] | None:
-    return transport.set_rts if isinstance(transport, SerialTransport) else None

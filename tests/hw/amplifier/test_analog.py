@@ -156,9 +156,3 @@ def test_a_line_that_takes_no_order_but_reads_low_is_low() -> None:
 
     assert AnalogAmplifier(SETTINGS, Deaf(False), None).disable() is AmplifierState.DISABLED
     assert AnalogAmplifier(SETTINGS, Deaf(True), None).disable() is AmplifierState.ENABLED
-
-
-def test_figures_are_verified_only_by_whom_and_when() -> None:
-    assert SETTINGS.verified is False
-    assert replace(SETTINGS, measured_by="A. Student").verified is False
-    assert replace(SETTINGS, measured_by="A. Student", measured_at="2026-05-04").verified is True
