@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil
-from types import TracebackType
 from typing import Self
 
 from haptic_driver.errors import BadInputError
@@ -85,9 +84,7 @@ class Devices:
         self.open()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *reason: object) -> None:
         """Close."""
         self.close()
 
@@ -260,7 +257,8 @@ class _Parts:
         if given is None:
             return None
         transport = make_transport(given.resource)
-        stage = Lts150(transport, stage_settings(given), set_rts=_rts_of(transport))
+        set_rts = transport.set_rts if isinstance(transport, SerialTransport) else None
+        stage = Lts150(transport, stage_settings(given), set_rts=set_rts)
         self.after_rig.append(stage.connect)
         self.closing.insert(0, stage.close)
         return stage
@@ -297,14 +295,7 @@ class _Parts:
 
 def analog_inputs(card: rig_config.AnalogInputsConfig, channels: Sequence[str]) -> NiAnalogInputs:
     """Some channels of the card as the rig's file describes it; not open."""
-    return NiAnalogInputs(
-        channels,
-        sample_rate_hz=card.sample_rate_hz,
-        range_v=card.range_v,
-        terminal=card.terminal,
-        buffer_s=card.buffer_s,
-        timeout_s=card.timeout_s,
-    )
+    return NiAnalogInputs(channels, **card.model_dump(exclude={"monitor_window_s"}))
 
 
 def peak_of(card: rig_config.AnalogInputsConfig, inputs: NiAnalogInputs, channel: str) -> NiAnalogInput:
@@ -316,7 +307,3 @@ def stage_settings(given: rig_config.StageConfig) -> StageSettings:
     """The stage's share of a rig's file."""
     low_m, high_m = given.travel_m
     return StageSettings(low_m, high_m, **given.model_dump(exclude={"resource", "travel_m"}))
-
-
-def _rts_of(transport: Transport) -> Callable[[bool], bool] | None:
-    return transport.set_rts if isinstance(transport, SerialTransport) else None

@@ -10,7 +10,7 @@ import datetime
 import enum
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -19,13 +19,7 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.processes.real_time import PRIORITY
 from haptic_driver.rig import config as rig_config
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.devices import (
-    analog_inputs,
-    generator_settings,
-    generator_transport,
-    peak_of,
-    stage_settings,
-)
+from haptic_driver.rig.devices import analog_inputs, generator_settings, generator_transport, peak_of, stage_settings
 from haptic_driver.rig.evidence import MONITOR_QUIET_V
 from haptic_driver.rig.part import NO_WATCHDOG, Vouched
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
@@ -73,21 +67,36 @@ class Check(NamedTuple):
 Checks = Iterator[Check]
 
 
+def _ok(name: str, message: str) -> Check:
+    return Check(name, Status.OK, message)
+
+
+def _warning(name: str, message: str, hint: str = "") -> Check:
+    return Check(name, Status.WARNING, message, hint)
+
+
+def _failed(name: str, message: str, hint: str = "") -> Check:
+    return Check(name, Status.FAILED, message, hint)
+
+
+def _unverified(name: str, message: str, hint: str = "") -> Check:
+    return Check(name, Status.NOT_VERIFIED, message, hint)
+
+
 def examine(config: RigConfig, today: datetime.date) -> list[Check]:
     """All checks of a real rig, in order; never raises DeviceError. Takes a few timeouts per absent device."""
-    parts: list[Callable[[], Checks]] = [
-        lambda: _figures(config, today),
-        _resources,
-        lambda: _generator(config),
-        lambda: _amplifier(config),
-        lambda: _interlock(config),
-        lambda: _force_sensor(config),
-        lambda: _stage(config),
-        lambda: _finger_tracker(config, today),
-        lambda: _analog_output(config),
-        _real_time,
+    return [
+        *_figures(config, today),
+        *_resources(),
+        *_generator(config),
+        *_amplifier(config),
+        *_interlock(config),
+        *_force_sensor(config),
+        *_stage(config),
+        *_finger_tracker(config, today),
+        *_analog_output(config),
+        *_real_time(),
     ]
-    return [check for part in parts for check in part()]
 
 
 # --- the file ----------------------------------------------------------------------------------------------------
@@ -95,12 +104,7 @@ def examine(config: RigConfig, today: datetime.date) -> list[Check]:
 
 def _figures(config: RigConfig, today: datetime.date) -> Checks:
     for missing in config.unverified:
-        yield Check(
-            "configuration",
-            Status.FAILED,
-            f"{missing} unset: the rig refuses to come on",
-            "measure, then write it down",
-        )
+        yield _failed("configuration", f"{missing} unset: the rig refuses to come on", "measure, then write it down")
     sections = {
         "limits": config.limits,
         "amplifier": config.amplifier,
@@ -115,10 +119,10 @@ def _figures(config: RigConfig, today: datetime.date) -> Checks:
 def _dated(name: str, what: str, on: datetime.date, today: datetime.date) -> Check:
     said = f"{what} on {on.isoformat()}"
     if on > today:
-        return Check(name, Status.WARNING, f"{said}, which is still to come", "correct the date")
+        return _warning(name, f"{said}, which is still to come", "correct the date")
     if today - on > OLD_AFTER:
-        return Check(name, Status.WARNING, f"{said}, {(today - on).days} days ago", "measure again")
-    return Check(name, Status.OK, said)
+        return _warning(name, f"{said}, {(today - on).days} days ago", "measure again")
+    return _ok(name, said)
 
 
 # --- the machine -------------------------------------------------------------------------------------------------
@@ -127,7 +131,7 @@ def _dated(name: str, what: str, on: datetime.date, today: datetime.date) -> Che
 def _resources() -> Checks:
     """What this machine sees; an empty list is no fault, since instruments on the LAN do not show."""
     found = [*_serial_ports(), *_usb_instruments()]
-    yield Check("resources", Status.OK, ", ".join(found) or "no serial ports or USB instruments seen")
+    yield _ok("resources", ", ".join(found) or "no serial ports or USB instruments seen")
 
 
 def _serial_ports() -> Iterator[str]:
@@ -156,13 +160,11 @@ def _real_time() -> Checks:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except OSError as error:
-        yield Check(
-            "real-time scheduling", Status.WARNING, f"SCHED_FIFO {PRIORITY} is refused ({error.strerror})",
-            f"allow it: LimitRTPRIO={PRIORITY} in the service, or rtprio in /etc/security/limits.conf",
-        )  # fmt: skip
+        hint = f"allow it: LimitRTPRIO={PRIORITY} in the service, or rtprio in /etc/security/limits.conf"
+        yield _warning("real-time scheduling", f"SCHED_FIFO {PRIORITY} is refused ({error.strerror})", hint)
         return
     os.sched_setscheduler(0, *before)
-    yield Check("real-time scheduling", Status.OK, f"SCHED_FIFO {PRIORITY} is granted")
+    yield _ok("real-time scheduling", f"SCHED_FIFO {PRIORITY} is granted")
 
 
 # --- waveform generator ------------------------------------------------------------------------------------------
@@ -173,10 +175,8 @@ def _generator(config: RigConfig) -> Checks:
     kind = config.generator_kind()
     with _failures("waveform generator", transport) as failed:
         found = kind.make(transport, generator_settings(config)).identify()
-        yield Check("waveform generator", Status.OK, f"{found.identity}, serial number {found.serial_number}")
-        yield Check(
-            "firmware", Status.NOT_VERIFIED, f"{found.firmware}; couplings and clipping are those of manuals",
-        )  # fmt: skip
+        yield _ok("waveform generator", f"{found.identity}, serial number {found.serial_number}")
+        yield _unverified("firmware", f"{found.firmware}; couplings and clipping are those of manuals")
         yield from _generator_state(found)
         yield from _voltage_limit(config, kind)
         yield from _watchdog(config)  # while the driver's connection is open, as it will be
@@ -185,49 +185,40 @@ def _generator(config: RigConfig) -> Checks:
 
 def _generator_state(found: GeneratorReport) -> Checks:
     if found.output_on:
-        yield Check(
-            "output", Status.WARNING, f"ON, {found.programmed}: somebody uses it", "switch it off before working here"
-        )
+        yield _warning("output", f"ON, {found.programmed}: somebody uses it", "switch it off before working here")
     else:
-        yield Check("output", Status.OK, f"off; programmed: {found.programmed}")
+        yield _ok("output", f"off; programmed: {found.programmed}")
     if found.load_open:
-        yield Check("load setting", Status.OK, "open: programmed volts are volts at the amplifier's input")
+        yield _ok("load setting", "open: programmed volts are volts at the amplifier's input")
     else:
-        yield Check(
-            "load setting", Status.WARNING,
+        yield _warning(
+            "load setting",
             "not open: at the amplifier's high-impedance input the voltage is up to twice what is programmed",
             "connecting the driver corrects it; by hand, correct it before the output is switched on",
-        )  # fmt: skip
+        )
 
 
 def _voltage_limit(config: RigConfig, kind: GeneratorKind) -> Checks:
     reach_v = 0.5 * kind.amplitude_high_vpp * config.amplifier.gain_v_per_v
     limit_v = config.limits.voltage_v
     if reach_v < limit_v:
-        yield Check(
-            "voltage limit", Status.WARNING, f"the generator reaches {reach_v:g} V, the limit is {limit_v:g} V",
-            "check amplifier.gain_v_per_v",
-        )  # fmt: skip
+        said = f"the generator reaches {reach_v:g} V, the limit is {limit_v:g} V"
+        yield _warning("voltage limit", said, "check amplifier.gain_v_per_v")
     keeper = (
         "this program, and by the generator once it is connected"
         if kind.limits_itself
         else "this program alone: the generator's driver sets no limit of the instrument's own"
     )
-    yield Check(
-        "voltage limit", Status.NOT_VERIFIED,
-        f"{limit_v:g} V is kept by {keeper}; with this amplifier it could ask for "
-        f"{min(reach_v, config.amplifier.voltage_limit_v):g} V",
-        "limit the amplifier in hardware where it can be",
-    )  # fmt: skip
+    could_v = min(reach_v, config.amplifier.voltage_limit_v)
+    said = f"{limit_v:g} V is kept by {keeper}; with this amplifier it could ask for {could_v:g} V"
+    yield _unverified("voltage limit", said, "limit the amplifier in hardware where it can be")
 
 
 def _watchdog(config: RigConfig) -> Checks:
     given = config.watchdog
     if given is None or given.generator == NO_WATCHDOG:
-        yield Check(
-            "watchdog", Status.WARNING, "there is none: if the driver dies, the output stays as it is",
-            "give it a connection of its own, e.g. the generator's LAN socket; or use an interlock box",
-        )  # fmt: skip
+        hint = "give it a connection of its own, e.g. the generator's LAN socket; or use an interlock box"
+        yield _warning("watchdog", "there is none: if the driver dies, the output stays as it is", hint)
         return
     transport = make_transport(given.generator)
     with _failures("watchdog", transport) as failed:
@@ -236,10 +227,8 @@ def _watchdog(config: RigConfig) -> Checks:
         reply = transport.query(kind.ask_off, given.reply_timeout_s).strip()
         if not kind.off_answers.fullmatch(reply):
             raise BadReply(f"{transport.resource} answered {reply[:80]!r}", "check watchdog.generator")
-        yield Check("watchdog", Status.OK, f"{transport.resource} answers beside the driver's connection")
-        yield Check(
-            "watchdog switching off", Status.NOT_VERIFIED, "it is not started here", "kill an armed driver once"
-        )
+        yield _ok("watchdog", f"{transport.resource} answers beside the driver's connection")
+        yield _unverified("watchdog switching off", "it is not started here", "kill an armed driver once")
     yield from failed
 
 
@@ -248,12 +237,12 @@ def _watchdog(config: RigConfig) -> Checks:
 
 def _amplifier(config: RigConfig) -> Checks:
     amplifier = config.amplifier
-    yield Check(
-        "amplifier", Status.NOT_VERIFIED,
+    yield _unverified(
+        "amplifier",
         f"gain {amplifier.gain_v_per_v:g}, {amplifier.voltage_limit_v:g} V, {amplifier.current_limit_a:g} A, "
         f"{amplifier.slew_limit_v_per_s:g} V/s: it has no dialogue, and nothing is energised here",
         "compare one low voltage with a probe",
-    )  # fmt: skip
+    )
     yield from _fault_line(config)
     yield from _monitors(config)
 
@@ -261,39 +250,34 @@ def _amplifier(config: RigConfig) -> Checks:
 def _fault_line(config: RigConfig) -> Checks:
     name = config.amplifier.fault_line
     if name is None:
-        yield Check(
-            "fault line", Status.NOT_VERIFIED, "there is none: a tripped amplifier shows on its monitor at best"
-        )
+        yield _unverified("fault line", "there is none: a tripped amplifier shows on its monitor at best")
         return
     line = NiDigitalInput(name)
     with _failures("fault line", line) as failed:
         if line.read() is config.amplifier.fault_level:
-            yield Check("fault line", Status.FAILED, "it says fault", "look at the amplifier; check fault_level")
+            yield _failed("fault line", "it says fault", "look at the amplifier; check fault_level")
         else:
-            yield Check("fault line", Status.OK, "no fault")
+            yield _ok("fault line", "no fault")
     yield from failed
 
 
 def _monitors(config: RigConfig) -> Checks:
     amplifier, card = config.amplifier, config.analog_inputs
     if amplifier.voltage_monitor is None or card is None:
-        yield Check(
-            "voltage monitor", Status.NOT_VERIFIED,
-            "there is none: nothing sees the electrode, and off means that the generator says so",
-            "wire the amplifier's monitor to an analog input",
-        )  # fmt: skip
+        said = "there is none: nothing sees the electrode, and off means that the generator says so"
+        yield _unverified("voltage monitor", said, "wire the amplifier's monitor to an analog input")
         return
     inputs = analog_inputs(card, [amplifier.voltage_monitor])
     with _failures("voltage monitor", inputs) as failed:
         inputs.open()
         monitor = peak_of(card, inputs, amplifier.voltage_monitor)
         electrode_v = monitor.read_v() / amplifier.voltage_monitor_v_per_v
-        quiet = electrode_v <= MONITOR_QUIET_V
         said = f"peak {electrode_v:.3g} V at the electrode"
-        yield Check(
-            "voltage monitor", Status.OK if quiet else Status.FAILED, said, "" if quiet else "something drives it"
-        )
-        yield Check("monitor scale", Status.NOT_VERIFIED, "needs a voltage", "compare one low voltage with a probe")
+        if electrode_v <= MONITOR_QUIET_V:
+            yield _ok("voltage monitor", said)
+        else:
+            yield _failed("voltage monitor", said, "something drives it")
+        yield _unverified("monitor scale", "needs a voltage", "compare one low voltage with a probe")
     yield from failed
 
 
@@ -307,27 +291,22 @@ def _interlock(config: RigConfig) -> Checks:
                 if identity != IDENTITY:
                     raise BadReply(f"{transport.resource} is {identity!r}, not {IDENTITY!r}", "check the port")
                 status = _ask(transport, "STATUS?", 10.0 * timeout_s)
-                is_open = status.startswith("OFF ")
-                yield Check(
-                    "interlock", Status.OK if is_open else Status.WARNING,
-                    f"{identity}: {status}", "" if is_open else "its contact is closed: somebody uses the rig",
-                )  # fmt: skip
-                yield Check("interlock contact", Status.NOT_VERIFIED, "its wiring shows only when it closes")
+                if status.startswith("OFF "):
+                    yield _ok("interlock", f"{identity}: {status}")
+                else:
+                    hint = "its contact is closed: somebody uses the rig"
+                    yield _warning("interlock", f"{identity}: {status}", hint)
+                yield _unverified("interlock contact", "its wiring shows only when it closes")
             yield from failed
         case rig_config.ModemLineInterlock() as modem:
-            yield Check(
-                "interlock", Status.NOT_VERIFIED,
-                f"{modem.line.upper()} of {modem.port}: opening the port may raise the line for a moment: it is left",
-                "a heartbeat interlock box is safer",
-            )  # fmt: skip
+            line = f"{modem.line.upper()} of {modem.port}"
+            said = f"{line}: opening the port may raise the line for a moment: it is left"
+            yield _unverified("interlock", said, "a heartbeat interlock box is safer")
         case rig_config.NiInterlock(line=line):
-            yield Check("interlock", Status.NOT_VERIFIED, f"{line}: taking an output may set it, so it is left alone")
+            yield _unverified("interlock", f"{line}: taking an output may set it, so it is left alone")
         case _:
-            yield Check(
-                "interlock", Status.NOT_VERIFIED,
-                "there is none: the amplifier's state stays unknown, and off means that the generator says so",
-                "wire its enable line to an interlock box, where it has one",
-            )  # fmt: skip
+            said = "there is none: the amplifier's state stays unknown, and off means that the generator says so"
+            yield _unverified("interlock", said, "wire its enable line to an interlock box, where it has one")
 
 
 # --- sensors and stage -------------------------------------------------------------------------------------------
@@ -341,18 +320,16 @@ def _force_sensor(config: RigConfig) -> Checks:
                 net_ft.open()
                 reading = net_ft.read()
                 said = f"{net_ft.resource}: {reading.normal_force_n:.3f} N down, {reading.lateral_force_n:.3f} N along"
-                status = Status.FAILED if reading.saturated else Status.OK
-                yield Check("force sensor", status, f"{said}, status {net_ft.status_raw:#010x}")
-                yield Check("force scale", Status.NOT_VERIFIED, "counts and axes", "hang a known weight on it")
+                check = _failed if reading.saturated else _ok
+                yield check("force sensor", f"{said}, status {net_ft.status_raw:#010x}")
+                yield _unverified("force scale", "counts and axes", "hang a known weight on it")
             yield from failed
         case NiForceSensorConfig() as ni:
             yield from _gauges(config, ni)
         case None:
-            yield Check(
-                "force sensor", Status.FAILED, "there is none in the rig's file", "add a section [force_sensor]"
-            )
+            yield _failed("force sensor", "there is none in the rig's file", "add a section [force_sensor]")
         case other:
-            yield Check("force sensor", Status.NOT_VERIFIED, f"{other.kind}: how to ask it is not known here")
+            yield _unverified("force sensor", f"{other.kind}: how to ask it is not known here")
 
 
 def _gauges(config: RigConfig, ni: NiForceSensorConfig) -> Checks:
@@ -362,13 +339,12 @@ def _gauges(config: RigConfig, ni: NiForceSensorConfig) -> Checks:
     with _failures("force sensor", inputs) as failed:
         calibration = AtiCalibration.from_file(Path(ni.calibration_file))
         said = f"{calibration.serial} ({calibration.part_number}), calibrated: {calibration.calibrated_on}"
-        dated = calibration.calibrated_on != "unknown"
-        yield Check("force calibration", Status.OK if dated else Status.WARNING, said)
+        yield (_warning if calibration.calibrated_on == "unknown" else _ok)("force calibration", said)
         inputs.open()
         gauges_v = inputs.latest_v(ni.samples_per_bias)
-        saturated = calibration.saturated(gauges_v)
         said = "gauges at " + ", ".join(f"{v:.3f}" for v in gauges_v.mean(axis=0)) + " V"
-        yield Check("force sensor", Status.FAILED if saturated else Status.OK, said, "unload it" if saturated else "")
+        saturated = calibration.saturated(gauges_v)
+        yield _failed("force sensor", said, "unload it") if saturated else _ok("force sensor", said)
     yield from failed
 
 
@@ -382,14 +358,12 @@ def _stage(config: RigConfig) -> Checks:
         info = _stage_info(transport, settings.reply_timeout_s)
         status = Lts150(transport, settings).read_status()
         said = f"{info.model}, serial number {info.serial_number}, firmware {info.firmware}"
-        matches = info.model.startswith(settings.model)
-        yield Check(
-            "stage", Status.OK if matches else Status.FAILED, said, "" if matches else f"not a {settings.model}"
-        )
+        is_one = info.model.startswith(settings.model)
+        yield _ok("stage", said) if is_one else _failed("stage", said, f"not a {settings.model}")
         where = f"at {1e3 * status.position_m:.2f} mm" if status.homed else "not homed"
         bad = status.motion_error or status.moving
         how = f"{where}{', moving' if status.moving else ''}{', motion error' if status.motion_error else ''}"
-        yield Check("stage state", Status.WARNING if bad else Status.OK, how)
+        yield (_warning if bad else _ok)("stage state", how)
     yield from failed
 
 
@@ -409,19 +383,17 @@ def _finger_tracker(config: RigConfig, today: datetime.date) -> Checks:
             yield _touch_calibration(screen, today)
             with _failures("touch screen") as failed:
                 open_touch_reports(screen.device).close()
-                yield Check("touch screen", Status.OK, screen.device)
+                yield _ok("touch screen", screen.device)
             yield from failed
         case RecordedFingerConfig(file=file):
             there = Path(file).is_file()
-            yield Check(
-                "finger tracker", Status.OK if there else Status.FAILED, f"plays {file}{'' if there else ': missing'}"
-            )
+            yield (_ok if there else _failed)("finger tracker", f"plays {file}{'' if there else ': missing'}")
         case StageFingerConfig():
-            yield Check("finger tracker", Status.NOT_VERIFIED, "the stage carries the finger: see the stage")
+            yield _unverified("finger tracker", "the stage carries the finger: see the stage")
         case NoFingerTracker():
-            yield Check("finger tracker", Status.NOT_VERIFIED, "there is none: nothing can be rendered by position")
+            yield _unverified("finger tracker", "there is none: nothing can be rendered by position")
         case other:
-            yield Check("finger tracker", Status.NOT_VERIFIED, f"{other.kind}: how to ask it is not known here")
+            yield _unverified("finger tracker", f"{other.kind}: how to ask it is not known here")
 
 
 def _touch_calibration(screen: EvdevFingerConfig, today: datetime.date) -> Check:
@@ -429,9 +401,9 @@ def _touch_calibration(screen: EvdevFingerConfig, today: datetime.date) -> Check
     try:
         calibration = screen.touch_calibration()
     except BadInputError as error:
-        return Check(name, Status.FAILED, error.message, CALIBRATE_TOUCH)
+        return _failed(name, error.message, CALIBRATE_TOUCH)
     if calibration.placeholder:
-        return Check(name, Status.WARNING, "a placeholder", CALIBRATE_TOUCH)
+        return _warning(name, "a placeholder", CALIBRATE_TOUCH)
     dated = _dated(name, "measured", screen.measured_at, today)
     return dated if dated.status is Status.OK else dated._replace(hint=f"{dated.hint} (haptic calibrate-touch)")
 
@@ -439,13 +411,10 @@ def _touch_calibration(screen: EvdevFingerConfig, today: datetime.date) -> Check
 def _analog_output(config: RigConfig) -> Checks:
     given = config.analog_output
     if isinstance(given, NoAnalogOutput):
-        yield Check("envelope", Status.OK, "amplitudes go over SCPI; there is no analog output")
+        yield _ok("envelope", "amplitudes go over SCPI; there is no analog output")
         return
-    yield Check(
-        "envelope", Status.NOT_VERIFIED,
-        f"{given.kind} output, {given.zero_level_v:g} V for nothing: opening it would put out a level",
-        "measure Modulation In at low voltage: 0 V may be half the amplitude",
-    )  # fmt: skip
+    said = f"{given.kind} output, {given.zero_level_v:g} V for nothing: opening it would put out a level"
+    yield _unverified("envelope", said, "measure Modulation In at low voltage: 0 V may be half the amplitude")
 
 
 # --- how it is asked ---------------------------------------------------------------------------------------------
@@ -468,11 +437,10 @@ def _failures(name: str, device: _Closable | None = None) -> Iterator[list[Check
     failed: list[Check] = []
     try:
         yield failed
-    except (DeviceError, ValueError) as error:
-        message, hint = (
-            (error.message, error.hint) if isinstance(error, DeviceError) else (str(error), "check the reply")
-        )
-        failed.append(Check(name, Status.FAILED, message, hint))
+    except DeviceError as error:
+        failed.append(_failed(name, error.message, error.hint))
+    except ValueError as error:
+        failed.append(_failed(name, str(error), "check the reply"))
     finally:
         if device is not None:
             device.close()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import datetime
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, Union, get_args
 
 from pydantic import AfterValidator, Field, FiniteFloat
@@ -75,6 +75,10 @@ class PartSection(Section):
     def channels(self) -> list[str]:
         """What it reads of the card of `[analog_inputs]`."""
         return []
+
+    def given_for(self, record: type[Any]) -> dict[str, Any]:
+        """What it says for the fields of the same name of a driver's settings, a dataclass."""
+        return self.model_dump(include={field.name for field in fields(record)})
 
     def calibration(self) -> str:
         """Which calibration its figures come from, for whoever reads data later; raises DeviceError."""

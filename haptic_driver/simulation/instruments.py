@@ -7,9 +7,6 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
-from contextlib import ExitStack
-from types import TracebackType
-from typing import Self
 
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
@@ -22,11 +19,12 @@ from hw.force.net_ft_server import NetFtServer
 from hw.generator.contract import GeneratorLatency, Listener, SimulatedGenerator, TerminalOutput
 from hw.serving.responder import Responder
 from hw.serving.tcp import TcpServer
+from hw.transport.running import RunningTogether
 
 SCALE = NetFtScale(counts_per_n=1e6, counts_per_n_m=1e6)  # of the force sensor
 
 
-class SimulatedInstruments:
+class SimulatedInstruments(RunningTogether):
     """Generator, amplifier, force sensor and finger; a card too, wired to Modulation In, where the rig's file has one.
 
     Generator and force sensor answer over their own wires inside a `with` block; the amplifier's lines are its own
@@ -63,7 +61,7 @@ class SimulatedInstruments:
         self._on_drive = on_drive
         self._noise = random.Random(simulation.seed)
         self._noise_n = simulation.force_noise_n
-        self._serving = ExitStack()
+        super().__init__(self.generator_server, self.force_box)
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
         """Let `dt_s` pass with the finger pressing and sliding so; the outputs act on it."""
@@ -89,20 +87,6 @@ class SimulatedInstruments:
     def frequency_hz(self) -> float:
         """Frequency at the generator's terminals now."""
         return self.generator.output().frequency_hz
-
-    def __enter__(self) -> Self:
-        """Serve."""
-        with ExitStack() as serving:
-            for server in (self.generator_server, self.force_box):
-                serving.enter_context(server)
-            self._serving = serving.pop_all()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Stop serving."""
-        self._serving.close()
 
     def _drive(self, output: TerminalOutput) -> None:
         """What the generator does between steps."""

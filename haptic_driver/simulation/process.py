@@ -18,10 +18,8 @@ import socket
 import sys
 import threading
 import time
-from contextlib import ExitStack, suppress
+from contextlib import closing, suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from haptic_driver.processes.real_time import Metronome
 from haptic_driver.render.compiled import compilation_said
@@ -35,6 +33,7 @@ from haptic_driver.surface.models import load_model
 from hw.analog.served_output import AnalogOutputServer
 from hw.finger.simulated_touch_screen import SimulatedTouchScreen
 from hw.serving.tcp import TcpServer
+from hw.transport.running import RunningTogether
 from model.description import ModelDescription
 from model.touch_model import TouchModel
 
@@ -44,7 +43,7 @@ FINGER_Y_M = 0.030
 TOUCH_N = 0.02  # from this force on the screen feels the finger
 
 
-class SlidingFinger:
+class SlidingFinger(RunningTogether):
     """The simulated instruments, served, and a finger that repeats `slide` for ever; a touch screen tells where it is.
 
     Serves inside a `with` block; `step` lets time pass.
@@ -55,17 +54,24 @@ class SlidingFinger:
     ) -> None:
         limits, hide = config.operating_limits(), config.simulation.hide
         file = build_surface(with_hidden(TouchModel(model), hide).description, limits)
-        self._record = None if record is None else _Record(record)
-        on_drive = self._record.note if self._record else lambda frequency_hz, voltage_v: None
+        recording = None if record is None else _Record(record)
+        on_drive = recording.note if recording else lambda frequency_hz, voltage_v: None
         self.instruments = SimulatedInstruments(config, surface_friction(file, limits), on_drive=on_drive)
         self._slide = slide or synthetic_slide()
         self._speed_m_s = self._slide.speed_m_s
         self._began_s = time.monotonic()
-        self._screen = SimulatedTouchScreen(PANEL, slots=0, clock=time.monotonic)
+        self._screen = SimulatedTouchScreen(PANEL, clock=time.monotonic)
         self._lines_server = TcpServer(LinesServer(self.instruments))
         self._touch_server = _TouchServer(self._screen)
         card = self.instruments.card
         self._card_server = None if card is None else TcpServer(AnalogOutputServer(card))
+        super().__init__(
+            *([closing(recording)] if recording else []),
+            self.instruments,
+            self._lines_server,
+            closing(self._touch_server),
+            *([self._card_server] if self._card_server else []),
+        )
 
     @property
     def endpoints(self) -> dict[str, str]:
@@ -92,23 +98,6 @@ class SlidingFinger:
             self._screen.lift()
         self._touch_server.pump()
         self.instruments.force_box.emit(1)
-
-    def __enter__(self) -> Self:
-        """Serve."""
-        self._serving = ExitStack()
-        for server in (self.instruments, self._lines_server, self._touch_server):
-            self._serving.enter_context(server)
-        if self._card_server is not None:
-            self._serving.enter_context(self._card_server)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Stop serving."""
-        self._serving.close()
-        if self._record is not None:
-            self._record.close()
 
 
 class _Record:
@@ -158,12 +147,8 @@ class _TouchServer:
         except OSError:
             self._client = None
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Hang up."""
         self._listener.close()
         if self._client is not None:
             self._client.close()

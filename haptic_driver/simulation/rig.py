@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Self
 
 from haptic_driver.rig.config import RigConfig
@@ -54,17 +53,15 @@ class SimulatedRig:
 
     def __enter__(self) -> Self:
         """Serve the instruments."""
-        self.instruments.__enter__()
+        self.instruments.start()
         self._force.box.open()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *reason: object) -> None:
         """Switch off and stop serving."""
         self.rig.close()
         self._force.box.close()
-        self.instruments.__exit__(kind, error, trace)
+        self.instruments.close()
 
 
 class _SteppedForceSensor:

@@ -11,9 +11,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from contextlib import ExitStack
-from types import TracebackType
-from typing import Self
 
 from haptic_driver.rig.config import InterlockBox, RigConfig, StageConfig, WatchdogConfig
 from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
@@ -24,6 +21,7 @@ from hw.safety.simulated_interlock import SimulatedInterlock
 from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
 from hw.stage.simulated import SimulatedLts150
+from hw.transport.running import RunningTogether
 from model.touch_model import TouchModel
 
 NORMAL_FORCE_N = 0.5  # of the finger on the screen
@@ -32,7 +30,7 @@ FORCE_RATE_HZ = 1000.0
 START_MM = 5.0  # of the stage: homing takes a second
 
 
-class ServedRig:
+class ServedRig(RunningTogether):
     """The simulated instruments of a rig, served between entering and leaving a `with` block.
 
     Nothing but the stage moves by itself: call `advance` with the time that has passed. `generator_port` 0 is any free
@@ -55,6 +53,9 @@ class ServedRig:
         self._interlock_tcp = TcpServer(self.interlock)
         self._interlock_serial = SerialServer(self.interlock, framed=False)
         self._stage_serial = SerialServer(self.stage, framed=False)
+        super().__init__(
+            self.instruments, self._generator_serial, self._interlock_tcp, self._interlock_serial, self._stage_serial
+        )
 
     @property
     def endpoints(self) -> dict[str, str]:
@@ -75,23 +76,6 @@ class ServedRig:
         speed_m_s = SPEED_STEP_M_S * round(speed_m_s / SPEED_STEP_M_S)
         self._pressing = self._pressing or self.stage.moving
         self.instruments.step(dt_s, NORMAL_FORCE_N if self._pressing else 0.0, speed_m_s)
-
-    def __enter__(self) -> Self:
-        """Serve."""
-        with ExitStack() as serving:
-            for server in (
-                self.instruments, self._generator_serial, self._interlock_tcp, self._interlock_serial,
-                self._stage_serial,
-            ):  # fmt: skip
-                serving.enter_context(server)
-            self._serving = serving.pop_all()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Stop serving."""
-        self._serving.close()
 
 
 def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:

@@ -26,8 +26,7 @@ class AmplifierSettings:
 
     Voltages and currents are peak values at the electrode; `voltage_monitor_v_per_v` is volts at the monitor
     output per volt at the electrode (0.01 for 1 V per 100 V), `current_monitor_v_per_a` likewise per ampere.
-    `fault_level` is the level of the fault line that means a fault. `measured_by` and `measured_at` say where
-    the figures come from; without both they are unverified. Raises ValueError unless all figures are > 0.
+    `fault_level` is the level of the fault line that means a fault. Raises ValueError unless all figures are > 0.
     """
 
     gain_v_per_v: float
@@ -37,21 +36,12 @@ class AmplifierSettings:
     voltage_monitor_v_per_v: float
     current_monitor_v_per_a: float = 1.0
     fault_level: bool = True
-    measured_by: str = ""
-    measured_at: str = ""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be an amplifier."""
         for name, value in vars(self).items():
-            if isinstance(value, (bool, str)):
-                continue
-            if not (math.isfinite(value) and value > 0.0):
+            if name != "fault_level" and not (math.isfinite(value) and value > 0.0):
                 raise ValueError(f"amplifier {name} must be a finite number > 0, not {value!r}")
-
-    @property
-    def verified(self) -> bool:
-        """Whether somebody vouches for the figures."""
-        return bool(self.measured_by and self.measured_at)
 
 
 class AnalogAmplifier:

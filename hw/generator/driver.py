@@ -143,14 +143,6 @@ class GeneratorDriver(ABC):
                 self._program(believed, believed)
             self._check_output(self._switch(on), on=on)
 
-    def read_output(self) -> bool | None:
-        """Ask whether the output is on; None when that cannot be known. Never raises DeviceError."""
-        try:
-            with self._forgetting_on_failure():
-                return self._ask_output()
-        except DeviceError:
-            return None
-
     def off(self) -> bool | None:
         """Levels to their minimum, output off, and ask whether it is off; at second try the output alone.
 

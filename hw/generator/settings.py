@@ -51,12 +51,6 @@ class ModulationInput:
             if not (math.isfinite(value) and value > 0.0):
                 raise ValueError(f"modulation input {name} must be a finite number > 0, not {value!r}")
 
-    def input_v(self, share: float) -> float:
-        """Return the voltage at Modulation In for a share 0..1 of the highest voltage; raises ValueError."""
-        if not 0.0 <= share <= 1.0:
-            raise ValueError(f"an envelope is a share 0..1 of the highest voltage, not {share!r}")
-        return self.full_scale_v * (2.0 * share - 1.0)
-
 
 @dataclass(frozen=True)
 class ExternalModulation:

@@ -175,8 +175,12 @@ class Lts150:
         """
         target_m = self._within_travel(position_m)
         with self._undisturbed():
-            self._check_ready(self.read_status())
-            self._start(target_m)
+            status = self.read_status()
+            self._check_at_rest(status)
+            if not status.homed:
+                raise self._failed(status, "is not homed, so its position means nothing", "home it first")
+            self._target_m = target_m
+            self._send(apt.with_counts(Message.MOVE_ABSOLUTE, round(target_m * self.settings.counts_per_m)))
 
     def wait(self, timeout_s: float) -> StageStatus:
         """Wait until the move or homing that was started has arrived.
@@ -254,15 +258,6 @@ class Lts150:
         if self._target_m is None:
             return status.homed and rests_s > self.settings.settle_time_s
         return abs(status.position_m - self._target_m) <= self.settings.position_tolerance_m
-
-    def _start(self, position_m: float) -> None:
-        self._target_m = position_m
-        self._send(apt.with_counts(Message.MOVE_ABSOLUTE, round(position_m * self.settings.counts_per_m)))
-
-    def _check_ready(self, status: StageStatus) -> None:
-        self._check_at_rest(status)
-        if not status.homed:
-            raise self._failed(status, "is not homed, so its position means nothing", "home it first")
 
     def _check_at_rest(self, status: StageStatus) -> None:
         if status.moving:

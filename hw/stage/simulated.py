@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from hw.serving.responder import Disconnect
 from hw.stage import apt
 from hw.stage.apt import Frame, Message, StatusBit
 
@@ -22,18 +21,6 @@ MAX_ACCELERATION_MM_S2 = 50.0
 HOMING_VELOCITY_MM_S = 5.0
 
 _UPDATE_INTERVAL_S = 0.1  # of automatic status messages
-
-
-@dataclass
-class StageFaults:
-    """What is wrong with the instrument; change it at any time."""
-
-    silent: bool = False  # commands are carried out, nothing is answered
-    hung_up: bool = False  # the USB cable is out; what moves goes on moving
-    blocked_at_mm: float | None = None  # the carriage cannot pass: it rests there, with the error bit set
-    ignores_profiled_stop: bool = False
-    noise: bytes = b""  # comes before every answer
-    delivered_bytes: float = math.inf  # each answer is cut after so many
 
 
 @dataclass(frozen=True)
@@ -98,7 +85,6 @@ class SimulatedLts150:
     start_mm: float = 40.0
     serial_number: int = 45_000_001
     model: str = "LTS150"
-    faults: StageFaults = field(default_factory=StageFaults)
 
     def __post_init__(self) -> None:
         """As after power-up."""
@@ -125,21 +111,12 @@ class SimulatedLts150:
             return self._motion is not None
 
     def handle(self, data: bytes) -> bytes:
-        """Carry out what is complete, and return unasked messages and answers; raises Disconnect when hung up."""
+        """Carry out what is complete, and return unasked messages and answers."""
         with self._lock:
-            if self.faults.hung_up:
-                raise Disconnect(b"")
             answers = self._unasked()
             for frame in self._decoder.feed(data):
                 answers += self._carry_out(frame)
-            return self._spoil(answers)
-
-    def _spoil(self, answers: list[Frame]) -> bytes:
-        if self.faults.silent or not answers:
-            return b""
-        data = b"".join(apt.encode(frame, destination=apt.HOST, source=apt.USB_UNIT) for frame in answers)
-        whole = self.faults.noise + data
-        return whole[: int(min(len(whole), self.faults.delivered_bytes))]
+        return b"".join(apt.encode(frame, destination=apt.HOST, source=apt.USB_UNIT) for frame in answers)
 
     def _unasked(self) -> list[Frame]:
         frames = self._advance()
@@ -190,7 +167,7 @@ class SimulatedLts150:
     def _stop(self, immediate: bool) -> None:
         """Rest here, or where the programmed deceleration leads."""
         motion, now_s = self._motion, self.clock()
-        if motion is None or (self.faults.ignores_profiled_stop and not immediate):
+        if motion is None:
             return
         here_mm, speed_mm_s = motion.position_mm(now_s), motion.speed_mm_s(now_s)
         slowing_mm = 0.0 if immediate else 0.5 * speed_mm_s**2 / motion.acceleration_mm_s2
@@ -205,15 +182,7 @@ class SimulatedLts150:
     def _advance(self) -> list[Frame]:
         """End the motion that has ended by now, and announce it."""
         motion, now_s = self._motion, self.clock()
-        if motion is None:
-            return []
-        blocked_mm = self.faults.blocked_at_mm
-        if blocked_mm is not None and _passes(motion, now_s, blocked_mm):
-            # one count short of it, so that it is still in the way of the next move
-            self._motion, self._rest_mm = None, blocked_mm - math.copysign(1.0 / COUNTS_PER_MM, motion.way_mm)
-            self._set_bits(StatusBit.MOTION_ERROR, True)
-            return []
-        if now_s < motion.start_s + motion.duration_s:
+        if motion is None or now_s < motion.start_s + motion.duration_s:
             return []
         self._motion = None
         self._rest_mm = motion.end_mm
@@ -250,8 +219,3 @@ class SimulatedLts150:
 
     def _set_bits(self, bits: StatusBit, on: bool) -> None:
         self._bits = self._bits | bits if on else self._bits & ~bits
-
-
-def _passes(motion: _Motion, time_s: float, at_mm: float) -> bool:
-    """Whether the motion has taken the carriage past a place by now."""
-    return (motion.start_mm - at_mm) * (motion.position_mm(time_s) - at_mm) < 0.0

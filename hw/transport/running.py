@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from contextlib import AbstractContextManager, ExitStack
 from typing import Self
 
 
@@ -25,3 +26,22 @@ class Running(ABC):
     def __exit__(self, *reason: object) -> None:
         """Close, whatever the reason."""
         self.close()
+
+
+class RunningTogether(Running):
+    """Starts several one after the other, and closes them in reverse; also those before one that does not start."""
+
+    def __init__(self, *parts: AbstractContextManager[object]) -> None:
+        self._parts = parts
+        self._started = ExitStack()
+
+    def start(self) -> None:
+        """Start all."""
+        with ExitStack() as started:
+            for part in self._parts:
+                started.enter_context(part)
+            self._started = started.pop_all()
+
+    def close(self) -> None:
+        """Close all."""
+        self._started.close()

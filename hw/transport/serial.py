@@ -37,10 +37,7 @@ class SerialTransport(Transport):
         marker: Marker | None = None,
         bounds: Bounds = NO_OTHER_BOUNDS,
     ) -> None:
-        super().__init__(
-            f"ASRL{port}::INSTR",
-            bounds=bounds,
-        )
+        super().__init__(f"ASRL{port}::INSTR", bounds=bounds)
         self._settings = {"baudrate": baud_rate, "rtscts": rtscts, "exclusive": True}
         self._rts = True
         self._path = port

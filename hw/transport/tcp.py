@@ -30,11 +30,7 @@ class TcpTransport(Transport):
         bounds: Bounds = NO_OTHER_BOUNDS,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        super().__init__(
-            f"TCPIP::{host}::{port}::SOCKET",
-            bounds=bounds,
-            clock=clock,
-        )
+        super().__init__(f"TCPIP::{host}::{port}::SOCKET", bounds=bounds, clock=clock)
         self._address = (host, port)
         self._socket: socket.socket | None = None
 

@@ -62,10 +62,7 @@ class UsbTmcTransport(Transport):
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         serial_part = "" if serial_number is None else f"::{serial_number}"
-        super().__init__(
-            f"USB0::0x{vendor_id:04X}::0x{product_id:04X}{serial_part}::INSTR",
-            bounds=bounds,
-        )
+        super().__init__(f"USB0::0x{vendor_id:04X}::0x{product_id:04X}{serial_part}::INSTR", bounds=bounds)
         self._ids = {"idVendor": vendor_id, "idProduct": product_id}
         self._serial_number = serial_number
         self._backend = backend

@@ -39,10 +39,7 @@ class VisaTransport(Transport):
         marker: Marker | None = None,
         bounds: Bounds = NO_OTHER_BOUNDS,
     ) -> None:
-        super().__init__(
-            resource,
-            bounds=bounds,
-        )
+        super().__init__(resource, bounds=bounds)
         self._backend = backend
         self._resynchronise = None if marker is None else Resynchroniser(marker, resource)
         self._session: Any = None

@@ -41,26 +41,14 @@ def make_analog(section: AmplifierConfig, wiring: Wiring) -> Part[AnalogAmplifie
     """See `hw.amplifier.analog`."""
     from hw.amplifier.analog import AmplifierSettings, AnalogAmplifier
 
-    settings = AmplifierSettings(
-        gain_v_per_v=section.gain_v_per_v,
-        voltage_limit_v=section.voltage_limit_v,
-        current_limit_a=section.current_limit_a,
-        slew_limit_v_per_s=section.slew_limit_v_per_s,
-        voltage_monitor_v_per_v=section.voltage_monitor_v_per_v,
-        current_monitor_v_per_a=section.current_monitor_v_per_a,
-        fault_level=section.fault_level,
-        measured_by=section.measured_by,
-        measured_at="" if section.measured_at is None else section.measured_at.isoformat(),
+    amplifier = AnalogAmplifier(
+        AmplifierSettings(**section.given_for(AmplifierSettings)),
+        wiring.enable,
+        wiring.voltage_monitor,
+        current_monitor=wiring.current_monitor,
+        fault=wiring.fault,
     )
-    return Part(
-        AnalogAmplifier(
-            settings,
-            wiring.enable,
-            wiring.voltage_monitor,
-            current_monitor=wiring.current_monitor,
-            fault=wiring.fault,
-        )
-    )
+    return Part(amplifier)
 
 
 ANALOG = PartKind(AnalogAmplifierConfig, make_analog)

@@ -46,15 +46,7 @@ class SomeAnalogOutput(Vouched, PartSection):
         """The same, as the driver takes it."""
         from hw.analog.output import AnalogOutputSettings
 
-        return AnalogOutputSettings(
-            self.low_v,
-            self.high_v,
-            self.zero_level_v,
-            self.sample_rate_limit_hz,
-            self.buffer_s,
-            self.lease_s,
-            self.timeout_s,
-        )
+        return AnalogOutputSettings(**self.given_for(AnalogOutputSettings))
 
 
 class SimulatedAnalogOutputConfig(SomeAnalogOutput):

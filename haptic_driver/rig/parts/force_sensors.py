@@ -93,14 +93,9 @@ class NetFtForceSensorConfig(PartSection):
         from hw.force.sensor import ForceAxes
 
         return NetFtSettings(
-            self.host,
-            NetFtScale(self.counts_per_n, self.counts_per_n_m),
-            ForceAxes(self.normal_axis, self.lateral_axis),
-            port=self.port,
-            timeout_s=self.timeout_s,
-            ignored_status=self.ignored_status,
-            f_t_sequence_advances=self.f_t_sequence_advances,
-            bias_tolerance_n=self.bias_tolerance_n,
+            scale=NetFtScale(self.counts_per_n, self.counts_per_n_m),
+            axes=ForceAxes(self.normal_axis, self.lateral_axis),
+            **self.given_for(NetFtSettings),
         )
 
 

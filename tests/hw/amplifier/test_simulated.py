@@ -4,6 +4,7 @@ import pytest
 
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.generator.contract import TerminalOutput
+from tests.hw.testing.tripping_amplifier import TrippingAmplifier
 
 ON = TerminalOutput(1e3, 1.5, 0.0, True)
 OFF = TerminalOutput(1e3, 0.0, 0.0, False)
@@ -26,7 +27,7 @@ def test_gain_clip_and_offset() -> None:
     ],
 )
 def test_only_what_alternates_drives_a_current(output: TerminalOutput, current_a: float) -> None:
-    amplifier = SimulatedAmplifier(100.0, 300.0, enabled=True, panel_capacitance_f=10e-9, current_limit_a=9.5e-3)
+    amplifier = TrippingAmplifier(100.0, 300.0, enabled=True, panel_capacitance_f=10e-9, current_limit_a=9.5e-3)
     amplifier.drive(output)
     assert amplifier.current_a == pytest.approx(current_a, rel=1e-4)
     assert not amplifier.tripped

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from hw.finger.simulated_touch_screen import Panel, SimulatedTouchScreen
+from hw.finger.simulated_touch_screen import Panel
 from hw.finger.touch_screen import TouchEvents
+from tests.hw.testing.touch_screens import SlottedTouchScreen, touch_screen
 
 evdev = pytest.importorskip("evdev", reason="evdev is not installed")
 
@@ -16,7 +17,7 @@ evdev = pytest.importorskip("evdev", reason="evdev is not installed")
 class Reader:
     def __init__(self, slots: int) -> None:
         self.now_s = 12.5
-        self.screen = SimulatedTouchScreen(Panel(), slots=slots, clock=lambda: self.now_s)
+        self.screen = touch_screen(Panel(), slots=slots > 0, clock=lambda: self.now_s)
         os.set_blocking(self.screen.descriptor, False)
 
     def events(self) -> list[tuple[str, int]]:
@@ -104,7 +105,7 @@ def test_a_reader_that_comes_late_learns_where_the_finger_is(reader: Reader) -> 
     """Bug: only changes are told, so a tracker that missed the touch never knew the axis along which nothing moved."""
     reader.screen.put(0.010, 0.050)
     os.read(reader.screen.descriptor, 1 << 16)  # nobody there yet
-    late = TouchEvents(reader.screen.current_slot if reader.screen._slots else None)
+    late = TouchEvents(reader.screen.current_slot if isinstance(reader.screen, SlottedTouchScreen) else None)
     reader.screen.repeat()
     reader.now_s += 0.25
     reader.screen.put(0.020, 0.050)

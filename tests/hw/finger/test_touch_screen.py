@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceError
-from hw.finger.simulated_touch_screen import Panel, SimulatedTouchScreen
+from hw.finger.simulated_touch_screen import Panel
 from hw.finger.touch_screen import (
     RawTouch,
     TouchCalibration,
@@ -29,6 +29,7 @@ from hw.finger.touch_screen import (
 )
 from hw.finger.tracker import FingerReading, FingerTracker
 from tests.clock import ManualClock
+from tests.hw.testing.touch_screens import touch_screen
 
 TODAY = datetime.date(2026, 1, 31)
 # The inverse of the panel by hand: 20 counts per mm, origin at (50, 3000), y counted downwards.
@@ -41,7 +42,7 @@ class Bench:
 
     def __init__(self, slots: int) -> None:
         self.clock = ManualClock(1000.0)
-        self.screen = SimulatedTouchScreen(Panel(), slots=slots, clock=self.clock)
+        self.screen = touch_screen(Panel(), slots=slots > 0, clock=self.clock)
         descriptor = self.screen.descriptor
         reports = TouchReports(
             descriptor,
@@ -390,7 +391,7 @@ def test_an_opened_screen_tells_counts_and_the_range_of_its_axes(
     monkeypatch: pytest.MonkeyPatch, slots: bool, axes: tuple[int, int]
 ) -> None:
     clock = ManualClock(1000.0)
-    screen = SimulatedTouchScreen(Panel(), slots=10 if slots else 0, clock=clock)
+    screen = touch_screen(Panel(), slots=slots, clock=clock)
     ranges = dict(zip(axes, ((50, 4050), (0, 3000)), strict=True))
 
     class Device:

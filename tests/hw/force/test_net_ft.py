@@ -14,8 +14,8 @@ import pytest
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
 from hw.force.net_ft import NetFt, NetFtScale, NetFtSettings
-from hw.force.net_ft_server import NetFtServer, RdtFault
 from hw.force.sensor import ForceAxes
+from tests.hw.testing.faulty_net_ft import FaultyNetFt, RdtFault
 from tests.waiting import HANG_S, until
 
 LOAD = (0.3, -0.1, -0.5, 0.01, 0.02, -0.03)
@@ -35,13 +35,13 @@ def read_until(client: NetFt, done: Callable[[], bool]) -> None:
 
 
 @pytest.fixture
-def box() -> Iterator[NetFtServer]:
-    with NetFtServer(lambda: LOAD) as server:
+def box() -> Iterator[FaultyNetFt]:
+    with FaultyNetFt(lambda: LOAD) as server:
         yield server
 
 
 @pytest.fixture
-def client(box: NetFtServer) -> Iterator[NetFt]:
+def client(box: FaultyNetFt) -> Iterator[NetFt]:
     device = client_of(box.port)
     device.open()
     yield device
@@ -82,7 +82,7 @@ def test_the_bytes_on_the_wire_are_those_of_the_protocol() -> None:
     assert wrench.torque_n_m == (0.1, 0.1, 0.1)
 
 
-def test_the_simulated_box_answers_a_client_written_by_hand(box: NetFtServer) -> None:
+def test_the_simulated_box_answers_a_client_written_by_hand(box: FaultyNetFt) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plain:
         plain.settimeout(HANG_S)
         for wrong in (b"", b"\x12\x34", bytes.fromhex("4321000200000000"), bytes.fromhex("1234000200000000ff")):
@@ -96,7 +96,7 @@ def test_the_simulated_box_answers_a_client_written_by_hand(box: NetFtServer) ->
     assert records[0][2:] == (0, 300000, -100000, -500000, 10000, 20000, -30000)
 
 
-def test_closing_stops_the_stream_even_when_the_first_request_is_lost(box: NetFtServer) -> None:
+def test_closing_stops_the_stream_even_when_the_first_request_is_lost(box: FaultyNetFt) -> None:
     device = client_of(box.port)
     device.open()
     assert box.streaming
@@ -126,7 +126,7 @@ def test_closing_stops_the_stream_even_when_the_first_request_is_lost(box: NetFt
     ],
 )
 def test_each_fault_is_counted_and_its_record_is_not_taken(
-    box: NetFtServer, client: NetFt, fault: RdtFault, counter: str, also_missed: int
+    box: FaultyNetFt, client: NetFt, fault: RdtFault, counter: str, also_missed: int
 ) -> None:
     box.inject(fault, count=3)
     read_until(client, lambda: getattr(client.counters, counter) >= 3)
@@ -138,13 +138,13 @@ def test_each_fault_is_counted_and_its_record_is_not_taken(
     assert client.read()[1:] == (pytest.approx(0.5), pytest.approx(0.3), False)
 
 
-def test_a_late_record_is_not_taken(box: NetFtServer, client: NetFt) -> None:
+def test_a_late_record_is_not_taken(box: FaultyNetFt, client: NetFt) -> None:
     box.inject(RdtFault.REORDER)
     read_until(client, lambda: client.counters.out_of_order >= 1)
     assert (client.counters.out_of_order, client.counters.missed) == (1, 1)
 
 
-def test_the_sequence_may_wrap(box: NetFtServer) -> None:
+def test_the_sequence_may_wrap(box: FaultyNetFt) -> None:
     box.set_sequence((1 << 32) - 20)
     device = client_of(box.port)
     device.open()
@@ -153,7 +153,7 @@ def test_the_sequence_may_wrap(box: NetFtServer) -> None:
     device.close()
 
 
-def test_a_bad_status_marks_the_reading(box: NetFtServer, client: NetFt) -> None:
+def test_a_bad_status_marks_the_reading(box: FaultyNetFt, client: NetFt) -> None:
     box.inject(RdtFault.BAD_STATUS, count=math.inf)
     read_until(client, lambda: client.status_raw != 0)
     assert client.read().saturated
@@ -163,7 +163,7 @@ def test_a_bad_status_marks_the_reading(box: NetFtServer, client: NetFt) -> None
     assert not client.read().saturated
 
 
-def test_ignored_status_bits_do_not_mark_the_reading(box: NetFtServer) -> None:
+def test_ignored_status_bits_do_not_mark_the_reading(box: FaultyNetFt) -> None:
     box.status_raw = 0x00010000
     device = client_of(box.port, ignored_status=0x00010000)
     device.open()
@@ -173,7 +173,7 @@ def test_ignored_status_bits_do_not_mark_the_reading(box: NetFtServer) -> None:
 
 
 @pytest.mark.parametrize("fault", [RdtFault.SILENCE, RdtFault.FROZEN, RdtFault.WRONG_SOURCE])
-def test_without_news_the_old_reading_keeps_its_time_and_then_is_an_error(box: NetFtServer, fault: RdtFault) -> None:
+def test_without_news_the_old_reading_keeps_its_time_and_then_is_an_error(box: FaultyNetFt, fault: RdtFault) -> None:
     offset_s = [0.0]
     device = client_of(box.port, clock=lambda: time.monotonic() + offset_s[0], timeout_s=0.5)
     device.open()
@@ -191,7 +191,7 @@ def test_without_news_the_old_reading_keeps_its_time_and_then_is_an_error(box: N
 
 def test_forces_end_at_the_range_of_the_sensor_and_are_then_not_to_be_trusted() -> None:
     force_n = [19.9]
-    with NetFtServer(lambda: (-force_n[0], 0.0, 0.0, 0.0, 0.0, 0.0), rate_hz=None, range_n=20.0) as box:
+    with FaultyNetFt(lambda: (-force_n[0], 0.0, 0.0, 0.0, 0.0, 0.0), rate_hz=None, range_n=20.0) as box:
         device = client_of(box.port)
         device.open()
         reading = device.read()
@@ -205,7 +205,7 @@ def test_forces_end_at_the_range_of_the_sensor_and_are_then_not_to_be_trusted() 
 
 def test_what_piled_up_while_nobody_looked_is_not_taken_for_new() -> None:
     force_n, offset_s = [1.0], [0.0]
-    with NetFtServer(lambda: (0.0, 0.0, -force_n[0], 0.0, 0.0, 0.0), rate_hz=None) as box:
+    with FaultyNetFt(lambda: (0.0, 0.0, -force_n[0], 0.0, 0.0, 0.0), rate_hz=None) as box:
         device = client_of(box.port, clock=lambda: time.monotonic() + offset_s[0], timeout_s=0.3)
         device.open()
         box.emit(50)
@@ -220,14 +220,14 @@ def test_what_piled_up_while_nobody_looked_is_not_taken_for_new() -> None:
         device.close()
 
 
-def test_a_software_bias_is_confirmed_by_the_stream(box: NetFtServer, client: NetFt) -> None:
+def test_a_software_bias_is_confirmed_by_the_stream(box: FaultyNetFt, client: NetFt) -> None:
     client.take_bias()
     assert client.read_wrench().force_n == pytest.approx((0.0, 0.0, 0.0))
 
 
 def test_a_bias_that_was_not_taken_is_an_error() -> None:
     loads = iter([LOAD, LOAD])  # the bias is another load than what follows
-    with NetFtServer(lambda: next(loads, (5.0, 0.0, 0.0, 0.0, 0.0, 0.0)), rate_hz=500.0) as box:
+    with FaultyNetFt(lambda: next(loads, (5.0, 0.0, 0.0, 0.0, 0.0, 0.0)), rate_hz=500.0) as box:
         device = client_of(box.port, bias_timeout_s=0.2)
         device.open()
         box._handle = lambda request, client: None  # type: ignore[method-assign]  # from now on it is deaf

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout, LimitExceeded
 from hw.serving.serial import SerialServer
 from hw.stage.lts150 import Lts150, StageSettings
-from hw.stage.simulated import SimulatedLts150
 from hw.transport.serial import SerialTransport
 from tests.clock import ManualClock
+from tests.hw.testing.faulty_stage import FaultyLts150
 from tests.hw.testing.memory import MemoryTransport
 
 SETTINGS = StageSettings(
@@ -31,7 +31,7 @@ SETTINGS = StageSettings(
 class Wire:
     """Records what the host writes, on its way to the instrument; `spoil` may change what comes back."""
 
-    def __init__(self, core: SimulatedLts150) -> None:
+    def __init__(self, core: FaultyLts150) -> None:
         self._core = core
         self.written: list[str] = []
         self.spoil: Callable[[bytes], bytes] = lambda data: data
@@ -46,7 +46,7 @@ class Bench:
 
     def __init__(self, settings: StageSettings = SETTINGS) -> None:
         self.clock = ManualClock(100.0)
-        self.instrument = SimulatedLts150(self.clock)
+        self.instrument = FaultyLts150(self.clock)
         self.wire = Wire(self.instrument)
         transport = MemoryTransport(self.wire, clock=self.clock)
         self.stage = Lts150(transport, settings, clock=self.clock, sleep=self.clock.sleep)
@@ -325,9 +325,9 @@ def test_whatever_happens_the_stage_stays_within_its_travel_and_nothing_hangs(sc
 
 
 @pytest.fixture
-def real_time() -> Iterator[tuple[SimulatedLts150, Lts150, list[bool]]]:
+def real_time() -> Iterator[tuple[FaultyLts150, Lts150, list[bool]]]:
     """Over a pseudo-terminal, which has no RTS line."""
-    instrument = SimulatedLts150(time.monotonic, start_mm=1.0)
+    instrument = FaultyLts150(time.monotonic, start_mm=1.0)
     had_line: list[bool] = []
     with SerialServer(instrument, framed=False) as server:
         transport = SerialTransport(server.path, rtscts=True)
@@ -342,7 +342,7 @@ def real_time() -> Iterator[tuple[SimulatedLts150, Lts150, list[bool]]]:
         stage.close()
 
 
-def test_over_a_serial_port(real_time: tuple[SimulatedLts150, Lts150, list[bool]]) -> None:
+def test_over_a_serial_port(real_time: tuple[FaultyLts150, Lts150, list[bool]]) -> None:
     instrument, stage, had_line = real_time
     assert had_line == [False, False]
     stage.set_velocity(0.050, 0.050)
@@ -358,7 +358,7 @@ def test_over_a_serial_port(real_time: tuple[SimulatedLts150, Lts150, list[bool]
     assert stage.read_status().position_m == pytest.approx(0.002, abs=1e-8)
 
 
-def test_another_thread_can_stop_a_wait(real_time: tuple[SimulatedLts150, Lts150, list[bool]]) -> None:
+def test_another_thread_can_stop_a_wait(real_time: tuple[FaultyLts150, Lts150, list[bool]]) -> None:
     instrument, stage, _ = real_time
     stage.home()
     stage.wait(10.0)

@@ -11,7 +11,7 @@ import thorlabs_apt_protocol as client
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hw.stage.simulated import SimulatedLts150
+from tests.hw.testing.faulty_stage import FaultyLts150
 
 TO_STAGE = (0x50, 0x01)
 COUNTS_PER_MM = 409_600
@@ -24,7 +24,7 @@ class Client:
 
     def __init__(self, **keywords: Any) -> None:
         self.now_s = 0.0
-        self.stage = SimulatedLts150(lambda: self.now_s, **keywords)
+        self.stage = FaultyLts150(lambda: self.now_s, **keywords)
         self.ask(client.hw_stop_updatemsgs(*TO_STAGE))
 
     def ask(self, *commands: bytes) -> list[Any]:
@@ -58,7 +58,7 @@ def test_identity() -> None:
 
 def test_after_power_up_it_reports_by_itself_until_told_not_to() -> None:
     now_s = 0.0
-    stage = SimulatedLts150(lambda: now_s)
+    stage = FaultyLts150(lambda: now_s)
     reports = list(client.Unpacker(io.BytesIO(stage.handle(client.hw_req_info(*TO_STAGE)))))
     assert [report.msg for report in reports] == ["mot_get_statusupdate", "hw_get_info"]
     now_s = 1.0

@@ -18,6 +18,7 @@ from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.settings import GeneratorSettings
 from hw.serving.responder import Disconnect
 from hw.transport.contract import Transport
+from tests.hw.generator.asking import read_output
 from tests.hw.instruments import IMMEDIATE
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 from tests.hw.testing.memory import MemoryTransport
@@ -76,7 +77,7 @@ def test_a_driver_replays_byte_for_byte(tmp_path: Path) -> None:
         driver.set_point(250.0, 75.0)
         driver.set_output(True)
         driver.set_point(300.0, 100.0)
-        return [driver.read_output(), driver.off(), driver.close()]
+        return [read_output(driver), driver.off(), driver.close()]
 
     path = tmp_path / "wire.jsonl"
     generator = Simulated33220A(IMMEDIATE)

@@ -10,6 +10,7 @@ import pytest
 from hw.errors import BadReply, InstrumentRejected, LimitExceeded
 from hw.generator.agilent_33220a.driver import Agilent33220A
 from hw.generator.settings import ExternalModulation, GeneratorSettings, ModulationInput, RangePolicy, Shape
+from tests.hw.generator.asking import read_output
 from tests.hw.testing.memory import MemoryTransport
 
 # 100 V at the electrode per volt at the generator: 1 Vpp is 50 V peak.
@@ -116,9 +117,9 @@ def test_output_is_switched_and_read_back() -> None:
         (b"OUTP?\n", b"0\n"),
     )
     driver.set_output(True)
-    assert driver.read_output() is True
+    assert read_output(driver) is True
     driver.set_output(False)
-    assert driver.read_output() is False
+    assert read_output(driver) is False
     assert not script.pairs
 
 
@@ -261,7 +262,7 @@ def test_switching_on_before_anything_is_known_sets_up_the_minimum_first() -> No
         levels(b"", b"10", b"0.02"),
         (b"OUTP 1;:OUTP?;:SYST:ERR?\n", b'1;+0,"No error"\n'),
     )
-    assert driver.read_output() is None
+    assert read_output(driver) is None
     driver.set_output(True)
     assert not script.pairs
 
@@ -355,17 +356,6 @@ def test_modulation_is_refused_until_it_is_measured_and_for_a_constant_voltage()
     driver, _ = connected(settings=WITH_AM)
     with pytest.raises(LimitExceeded, match="that swings"):
         driver.set_point(250.0, 60.0, shape=Shape.DC, modulation=ExternalModulation())
-
-
-@pytest.mark.parametrize(("share", "input_v"), [(0.0, -5.0), (0.5, 0.0), (1.0, 5.0), (0.25, -2.5)])
-def test_the_envelope_at_modulation_in(share: float, input_v: float) -> None:
-    assert ModulationInput(5.0, 1.0).input_v(share) == input_v
-
-
-@pytest.mark.parametrize("share", [-0.01, 1.01, math.nan])
-def test_no_envelope_beyond_full_scale(share: float) -> None:
-    with pytest.raises(ValueError, match="share"):
-        ModulationInput(5.0, 1.0).input_v(share)
 
 
 def test_autoranging_as_a_policy_leaves_the_range_alone() -> None:

@@ -18,6 +18,7 @@ from hw.generator.settings import GeneratorSettings
 from hw.serving.tcp import TcpServer
 from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
+from tests.hw.generator.asking import read_output
 from tests.hw.instruments import IMMEDIATE
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 from tests.hw.testing.memory import MemoryTransport
@@ -83,7 +84,7 @@ def test_a_late_reply_is_never_taken_for_the_next_one(bench: Bench) -> None:
         bench.line.inject(Fault.LATE, delay_s=1.5 * TIMEOUT_S)
         with pytest.raises(DeviceTimeout):
             bench.driver.set_point(300.0 + step, 200.0)
-        assert bench.driver.read_output() is True
+        assert read_output(bench.driver) is True
         bench.driver.set_point(400.0, 100.0 + step)
         assert bench.amplitude_v() == pytest.approx(100.0 + step)
 
@@ -98,7 +99,7 @@ def test_off_recovers_from_one_fault_and_brings_evidence(bench: Bench, fault: Fa
 @pytest.mark.parametrize("fault", list(Fault))
 def test_off_and_read_output_say_unknown_when_nothing_comes_back(bench: Bench, fault: Fault) -> None:
     bench.line.inject(fault, count=math.inf, delay_s=1.5 * TIMEOUT_S)
-    assert bench.driver.read_output() is None
+    assert read_output(bench.driver) is None
     started_s = time.monotonic()
     assert bench.driver.off() is None
     assert time.monotonic() - started_s < HANG_BOUND_S
@@ -129,7 +130,7 @@ def test_a_server_that_went_away_is_a_disconnect_and_its_return_is_found() -> No
     server.close()
     with pytest.raises(DeviceDisconnected):
         bench.driver.set_point(300.0, 200.0)
-    assert bench.driver.read_output() is None
+    assert read_output(bench.driver) is None
     assert bench.driver.off() is None
     with pytest.raises(DeviceDisconnected, match="cannot be reached"):
         bench.driver.set_point(300.0, 200.0)
@@ -175,13 +176,13 @@ def test_whatever_is_answered_only_device_errors_come_out(answer: bytes) -> None
     for use in (lambda: driver.set_point(250.0, 120.0), lambda: driver.set_output(True), driver.connect):
         with pytest.raises(DeviceError):
             use()
-    assert driver.read_output() in (True, False, None)
+    assert read_output(driver) in (True, False, None)
     assert driver.off() in (True, False, None)
 
 
 def test_a_driver_never_connected_knows_nothing() -> None:
     driver = Agilent33220A(MemoryTransport(Simulated33220A()), SETTINGS)
-    assert driver.read_output() is None
+    assert read_output(driver) is None
     assert driver.off() is None
     assert driver.close() is None
     with pytest.raises(DeviceDisconnected, match="not open"):

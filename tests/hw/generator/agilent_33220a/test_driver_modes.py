@@ -16,6 +16,7 @@ from hw.generator.contract import GeneratorLatency, TerminalOutput
 from hw.generator.settings import ExternalModulation, GeneratorSettings, ModulationInput, RangePolicy, Shape
 from hw.serving.tcp import TcpServer
 from hw.transport.tcp import TcpTransport
+from tests.hw.generator.asking import read_output
 from tests.hw.instruments import IMMEDIATE
 from tests.hw.testing.memory import MemoryTransport
 
@@ -67,10 +68,8 @@ def test_the_envelope_of_modulation_in(factor: float) -> None:
     bench = Bench(factor=factor)
     bench.driver.set_point(250.0, 300.0, modulation=ExternalModulation())
     bench.driver.set_output(True)
-    measured = bench.driver.settings.modulation_input
-    assert measured is not None
-    for voltage_v in (0.0, 75.0, 150.0, 300.0):
-        bench.generator.set_modulation_input(measured.input_v(voltage_v / 300.0))
+    for input_v, voltage_v in ((-5.0, 0.0), (-2.5, 75.0), (0.0, 150.0), (5.0, 300.0)):
+        bench.generator.set_modulation_input(input_v)
         assert bench.electrode()[2] == pytest.approx(voltage_v)
     assert bench.peak_v == pytest.approx(300.0)
 
@@ -129,7 +128,7 @@ def test_pymeasure_sees_what_the_driver_set() -> None:
             assert client.square_dutycycle == pytest.approx(50.0)
             client.output = False
             assert client.complete == "1"
-            assert driver.read_output() is False
+            assert read_output(driver) is False
             client.amplitude = 1.0  # behind the driver's back
             assert client.complete == "1"
             with pytest.raises(BadReply, match="VOLT"):

@@ -15,6 +15,7 @@ from hw.generator.settings import GeneratorSettings
 from hw.serving.tcp import TcpServer
 from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
+from tests.hw.generator.asking import read_output
 from tests.hw.instruments import IMMEDIATE
 from tests.hw.testing.memory import MemoryTransport
 
@@ -67,7 +68,7 @@ def test_connecting_leaves_the_output_off() -> None:
     rig.generator.handle(b"APPL:SIN 1E3,10,0\n")
     rig.connect()
     assert not rig.generator.output().on
-    assert rig.driver.read_output() is False
+    assert read_output(rig.driver) is False
 
 
 @pytest.mark.parametrize("change", ["OUTP:LOAD 50", "VOLT:UNIT VRMS", "VOLT:OFFS 3", "*RST;:OUTP 1"])
@@ -134,7 +135,7 @@ def test_two_threads_on_one_driver_never_cross_replies(over_tcp: bool) -> None:
         for _ in range(100):
             for point in points:
                 driver.set_point(*point)
-                states.append(driver.read_output())
+                states.append(read_output(driver))
         return states
 
     with ThreadPoolExecutor(2) as pool:
