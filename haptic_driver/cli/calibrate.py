@@ -10,13 +10,13 @@ from rich.table import Table
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import not_written
+from haptic_driver.files import bad_input, writing
 from haptic_driver.surface.models import load_model
 from model.analysis.calibration import OPTIONAL, Calibration, write_calibration
 from model.analysis.calibration import calibrate as run
 from model.diagnosis.data import read_measurements
 from model.diagnosis.space import FINGER
-from model.support.errors import ModelError, nearest
+from model.support.errors import nearest
 
 
 def calibrate(
@@ -38,16 +38,12 @@ def calibrate(
 
     description = load_model(model)
     _check(also or [], out)
-    try:
+    with bad_input("bad_data"):
         measurements = read_measurements(data)
         with status("fitting"):
             found = run(description, measurements, also or ())
-    except ModelError as error:
-        raise BadInputError("bad_data", error.message, error.hint) from error
-    try:
+    with writing(out):
         write_calibration(found, description, out, data.name)
-    except OSError as error:
-        raise not_written(out, error) from error
     picture = out.with_suffix(".png")
     draw_calibration(found, picture)
     report(as_json, _payload(found, out, picture), lambda: _show(found, out, picture))

@@ -11,14 +11,12 @@ from rich.table import Table
 from rich.text import Text
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
-from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.plan import Setting, write_plan
-from haptic_driver.files import not_written
+from haptic_driver.files import bad_input, writing
 from haptic_driver.surface.models import load_model
 from model.diagnosis.data import read_measurements, together
 from model.diagnosis.report import write_report
 from model.diagnosis.workflow import diagnose as run
-from model.support.errors import ModelError
 from model.touch import SPEED_REFERENCE_M_S
 
 
@@ -43,16 +41,12 @@ def diagnose(
     Example: `haptic diagnose data.csv --model reference --out diagnosis`
     """
     description = load_model(model)
-    try:
+    with bad_input("bad_data"):
         measurements = together([(str(path), read_measurements(path)) for path in (data, *(also or ()))])
-    except ModelError as error:
-        raise BadInputError("bad_data", error.message, error.hint) from error
     with status("diagnosing") as tell:
         diagnosis = run(description, measurements, seed, tell)
-    try:
+    with writing(out):
         found = write_report(diagnosis, description, out, ", ".join(path.name for path in (data, *(also or ()))))
-    except OSError as error:
-        raise not_written(out, error) from error
     plan = _write_next_plan(found["next_experiments"], out / "next_plan.toml")
     report(as_json, found | {"next_plan": str(plan) if plan else None}, lambda: _show(found, out, plan))
 

@@ -64,8 +64,7 @@ def report_error(error: HapticError, as_json: bool) -> None:
     if error.hint:
         stderr.print(Text.assemble(("hint:", "bold"), f" {error.hint}"))
     if as_json:
-        content = {"code": error.code, "message": error.message, "hint": error.hint}
-        sys.stdout.write(json.dumps({"error": content}) + "\n")
+        sys.stdout.write(json.dumps({"error": error.content}) + "\n")
 
 
 class Advance:

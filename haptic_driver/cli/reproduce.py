@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
-from haptic_driver.files import not_written
+from haptic_driver.files import writing
 from haptic_driver.surface.models import load_model
 
 
@@ -33,11 +33,8 @@ def reproduce(
 
     description = load_model(model)
     wanted = [*FIGURES] if figure is None else [figure]
-    try:
-        with status("reproducing") as tell:
-            files, facts = run(description, wanted, out, tell)
-    except OSError as error:
-        raise not_written(out, error) from error
+    with writing(out), status("reproducing") as tell:
+        files, facts = run(description, wanted, out, tell)
     payload = {"model": description.name, "files": [str(f) for f in files], "facts": [asdict(f) for f in facts]}
 
     def show() -> None:

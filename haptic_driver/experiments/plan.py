@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field, FiniteFloat
 
 from haptic_driver.config import Section, find_config, parse, read_toml
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import not_written, replacing
+from haptic_driver.files import write_text
 from model.conditions import UNDRIVEN_HZ
 
 MOST_ROWS = 100_000
@@ -157,8 +157,4 @@ def write_plan(path: Path, name: str, about: str, settings: Sequence[Setting], r
             "[[points]]",
             *(f"{key} = {value}" for key, value in setting._replace(frequency_hz=frequency_hz)._asdict().items()),
         ]
-    try:
-        with replacing(path) as part:
-            part.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise not_written(path, error) from error
+    write_text(path, "\n".join(lines) + "\n")

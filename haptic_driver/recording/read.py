@@ -14,7 +14,6 @@
 from __future__ import annotations
 
 import csv
-import importlib
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -27,7 +26,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError, optional
 from haptic_driver.files import exists_already, replacing
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.event import Event
@@ -208,12 +207,7 @@ def _cells(column: NDArray[Any]) -> list[Any]:
 
 def _write_parquet(path: Path, fields: Sequence[str], blocks: Blocks, about: dict[str, Any]) -> None:
     """With `about` as JSON under the key `haptic_driver` of the file's metadata."""
-    try:
-        pa, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-    except ImportError as error:
-        raise HapticError(
-            "missing_package", "Parquet needs the package pyarrow", "Install it: pip install 'haptic-driver[parquet]'"
-        ) from error
+    pa, parquet = (optional(module, "parquet", "Parquet") for module in ("pyarrow", "pyarrow.parquet"))
     first = next(blocks)
     metadata = {"haptic_driver": json.dumps(about)}
     schema = pa.table(dict(zip(fields, first, strict=True))).schema.with_metadata(metadata)
