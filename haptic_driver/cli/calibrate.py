@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from rich.table import Table
+from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.errors import BadInputError
@@ -20,12 +20,10 @@ from model.support.errors import nearest
 
 
 def calibrate(
-    data: Annotated[Path, typer.Argument(help="CSV: frequency_hz, voltage_v, normal_force_n, cof, ...")],
+    data: Annotated[Path, Argument(help="CSV: frequency_hz, voltage_v, normal_force_n, cof, ...")],
     model: ModelOption = "reference",
-    out: Annotated[Path, typer.Option("--out", help="Model file to write; its picture stands beside it.")] = Path(
-        "finger.toml"
-    ),
-    also: Annotated[list[str] | None, typer.Option("--also", help="A further parameter to fit; repeatable.")] = None,
+    out: Annotated[Path, Option(help="Model file to write; its picture stands beside it.")] = Path("finger.toml"),
+    also: Annotated[list[str] | None, Option(help="A further parameter to fit; repeatable.")] = None,
     as_json: Json = False,
 ) -> None:
     """Fit a finger's own numbers (roughness, skin thickness, leakage, friction at 0 V) to its data.

@@ -14,11 +14,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 from rich.text import Text
+from typer import Argument, Option
 
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import Json, names_of, report, stdout
+from haptic_driver.cli.output import Json, named, report, stdout
 from haptic_driver.daemon.place import default_socket
 from haptic_driver.daemon.private_file import write_private
 from haptic_driver.errors import BadInputError, HapticError
@@ -31,12 +31,12 @@ POLL_S = 0.1
 
 
 def arm(
-    lease_s: Annotated[float, typer.Option("--lease", help="Lease in seconds; Ctrl-C or death ends it sooner.")] = 0.5,
-    for_s: Annotated[float | None, typer.Option("--for", min=0.0, help="Disarm after so many seconds.")] = None,
+    lease_s: Annotated[float, Option("--lease", help="Lease in seconds; Ctrl-C or death ends it sooner.")] = 0.5,
+    for_s: Annotated[float | None, Option("--for", min=0.0, help="Disarm after so many seconds.")] = None,
     detach: Annotated[
-        bool, typer.Option("--detach", help="Return once armed; disarm when the shell or script that called ends.")
+        bool, Option("--detach", help="Return once armed; disarm when the shell or script that called ends.")
     ] = False,
-    while_pid: Annotated[int | None, typer.Option("--while-pid", hidden=True)] = None,
+    while_pid: Annotated[int | None, Option(hidden=True)] = None,
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
@@ -64,7 +64,7 @@ def arm(
 
 
 def set_target(
-    cof: Annotated[float, typer.Argument(metavar="MU", help="Coefficient of friction to render.")],
+    cof: Annotated[float, Argument(metavar="MU", help="Coefficient of friction to render.")],
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
@@ -107,9 +107,7 @@ def status(socket: SocketOption = None, as_json: Json = False) -> None:
 
 
 def use(
-    model: Annotated[
-        str, typer.Argument(help="A name in configs/models or a path.", autocompletion=names_of("models"))
-    ],
+    model: Annotated[str, named("models", "Model", Argument)],
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:

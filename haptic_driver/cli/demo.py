@@ -11,8 +11,9 @@ import numpy as np
 import typer
 from rich.table import Table
 from rich.text import Text
+from typer import Option
 
-from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, names_of, progress, report, stdout
+from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, named, progress, report, stdout
 from haptic_driver.config import texture_dirs
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig.config import load_rig
@@ -32,20 +33,14 @@ TARGET_BINS = 6
 
 def demo(
     context: typer.Context,
-    trace: Annotated[Path | None, typer.Option("--trace", help="CSV: time_s, position_m, normal_force_n.")] = None,
-    texture: Annotated[
-        str,
-        typer.Option(
-            "--texture", help="Texture: a name in configs/textures or a path.", autocompletion=names_of("textures")
-        ),
-    ] = "grating",
-    out: Annotated[Path, typer.Option("--out", help="Folder for the picture.")] = Path("out/demo"),
+    trace: Annotated[Path | None, Option(help="CSV: time_s, position_m, normal_force_n.")] = None,
+    texture: Annotated[str, named("textures", "Texture")] = "grating",
+    out: Annotated[Path, Option(help="Folder for the picture.")] = Path("out/demo"),
     model: ModelOption = "reference",
-    surface: Annotated[Path | None, typer.Option("--surface", help="Surface file of that model.")] = None,
+    surface: Annotated[Path | None, Option(help="Surface file of that model.")] = None,
     rig: RigOption = "simulated",
     feedback: Annotated[
-        bool,
-        typer.Option("--feedback/--no-feedback", help="Learn the finger's gain, careful until it is known."),
+        bool, Option("--feedback/--no-feedback", help="Learn the finger's gain, careful until it is known.")
     ] = False,
     as_json: Json = False,
 ) -> None:

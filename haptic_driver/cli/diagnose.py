@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from rich.table import Table
 from rich.text import Text
+from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.experiments.plan import Setting, write_plan
@@ -21,15 +21,13 @@ from model.touch import SPEED_REFERENCE_M_S
 
 
 def diagnose(
-    data: Annotated[Path, typer.Argument(help="CSV: frequency_hz, voltage_v, normal_force_n, cof, ...")],
+    data: Annotated[Path, Argument(help="CSV: frequency_hz, voltage_v, normal_force_n, cof, ...")],
     model: ModelOption = "reference",
-    out: Annotated[Path, typer.Option("--out", help="Folder for report.html, report.json, model.toml.")] = Path(
-        "diagnosis"
-    ),
+    out: Annotated[Path, Option(help="Folder for report.html, report.json, model.toml.")] = Path("diagnosis"),
     also: Annotated[
-        list[Path] | None, typer.Option("--also", help="More data of the same finger and rig; may be given repeatedly.")
+        list[Path] | None, Option(help="More data of the same finger and rig; may be given repeatedly.")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Of the random draws in tests and folds.", min=0)] = 0,
+    seed: Annotated[int, Option(help="Of the random draws in tests and folds.", min=0)] = 0,
     as_json: Json = False,
 ) -> None:
     """Find where measured friction and the model disagree, name the missing effect, add it, and prove it.

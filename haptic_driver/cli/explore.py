@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-import typer
+from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.files import write_rows
@@ -39,11 +39,11 @@ class _Asked(NamedTuple):
 
 
 def explore(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the pictures and tables.")] = Path("exploration"),
+    out: Annotated[Path, Option(help="Folder for the pictures and tables.")] = Path("exploration"),
     model: ModelOption = "reference",
-    frequency: Annotated[float, typer.Option("--frequency", help="Hz.", min=1.0, max=1e6)] = 250.0,
-    voltage: Annotated[float, typer.Option("--voltage", help="V peak at the electrode.", min=1.0, max=1e3)] = 75.0,
-    normal_force: Annotated[float, typer.Option("--normal-force", help="N.", min=0.01, max=50.0)] = 0.5,
+    frequency: Annotated[float, Option(help="Hz.", min=1.0, max=1e6)] = 250.0,
+    voltage: Annotated[float, Option(help="V peak at the electrode.", min=1.0, max=1e3)] = 75.0,
+    normal_force: Annotated[float, Option(help="N.", min=0.01, max=50.0)] = 0.5,
     as_json: Json = False,
 ) -> None:
     """Draw the force's spectrum under several drives, the impedance, where force turns steep, and friction.

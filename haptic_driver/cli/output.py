@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from typing import Annotated, Any
 
-import typer
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -25,23 +24,20 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.text import Text
+from typer import Option
 
 from haptic_driver.config import config_names
 from haptic_driver.errors import HapticError
 
 
-def names_of(kind: str) -> Callable[[], list[str]]:
-    """For shell completion: the names in the config folders of a kind (rigs, models, plans, textures, populations)."""
-    return lambda: config_names(kind)
+def named(kind: str, what: str, declare: Callable[..., Any] = Option) -> Any:
+    """An option or argument for a file by its name in the config folders of a kind (rigs, models, ...) or its path."""
+    return declare(help=f"{what}: a name in configs/{kind} or a path.", autocompletion=lambda: config_names(kind))
 
 
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
-ModelOption = Annotated[
-    str, typer.Option("--model", help="Model: a name in configs/models or a path.", autocompletion=names_of("models"))
-]
-RigOption = Annotated[
-    str, typer.Option("--rig", help="Rig: a name in configs/rigs or a path.", autocompletion=names_of("rigs"))
-]
+Json = Annotated[bool, Option("--json", help="Print one JSON object and nothing else.")]
+ModelOption = Annotated[str, named("models", "Model")]
+RigOption = Annotated[str, named("rigs", "Rig")]
 
 SIMULATED = ("simulated", "bold")  # a part of a `Text`
 

@@ -7,8 +7,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-import typer
 from rich.table import Table
+from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.files import writing
@@ -16,8 +16,8 @@ from haptic_driver.surface.models import load_model
 
 
 def reproduce(
-    figure: Annotated[int | None, typer.Option("--figure", min=4, max=8, help="One figure; all when left out.")] = None,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the pictures and tables.")] = Path("reproduction"),
+    figure: Annotated[int | None, Option(min=4, max=8, help="One figure; all when left out.")] = None,
+    out: Annotated[Path, Option(help="Folder for the pictures and tables.")] = Path("reproduction"),
     model: ModelOption = "reference",
     as_json: Json = False,
 ) -> None:

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Annotated
 
-import typer
 from rich.text import Text
+from typer import Option
 
 from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, report, stdout
 from haptic_driver.errors import BadInputError, HapticError
@@ -26,9 +26,7 @@ STEP_S = 0.002
 def simulate(
     rig: RigOption = "simulated",
     model: ModelOption = "reference",
-    port: Annotated[
-        int, typer.Option("--port", min=0, max=65535, help="TCP port of the waveform generator; 0: any free one.")
-    ] = 0,
+    port: Annotated[int, Option(min=0, max=65535, help="TCP port of the waveform generator; 0: any free one.")] = 0,
     as_json: Json = False,
 ) -> None:
     """Serve the simulated instruments of a rig on loopback until interrupted, for any software to talk to.

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
+from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
 from haptic_driver.errors import BadInputError, HapticError
@@ -27,15 +27,14 @@ from model.support.errors import nearest
 
 
 def solve(
-    friction: Annotated[float, typer.Option("--friction", help="Target coefficient of friction.")],
-    normal_force: Annotated[float, typer.Option("--normal-force", help="Normal force of the finger, N.")] = 0.5,
-    frequency: Annotated[str, typer.Option("--frequency", help="'auto' or a frequency in Hz.")] = "auto",
+    friction: Annotated[float, Option(help="Target coefficient of friction.")],
+    normal_force: Annotated[float, Option(help="Normal force of the finger, N.")] = 0.5,
+    frequency: Annotated[str, Option(help="'auto' or a frequency in Hz.")] = "auto",
     policy: Annotated[
-        str | None,
-        typer.Option("--policy", help=f"One of {', '.join(POLICIES)}.", autocompletion=lambda: list(POLICIES)),
+        str | None, Option(help=f"One of {', '.join(POLICIES)}.", autocompletion=lambda: list(POLICIES))
     ] = None,
     model: ModelOption = "reference",
-    surface: Annotated[Path | None, typer.Option("--surface", help="Surface file instead of a model.")] = None,
+    surface: Annotated[Path | None, Option(help="Surface file instead of a model.")] = None,
     rig: RigOption = "simulated",
     as_json: Json = False,
 ) -> None:

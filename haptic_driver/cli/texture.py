@@ -8,19 +8,18 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 from rich.text import Text
+from typer import Argument, Option
 
 from haptic_driver.cli import control
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import Json, ModelOption, RigOption, compiling, names_of, report, stdout
+from haptic_driver.cli.output import Json, ModelOption, RigOption, compiling, named, report, stdout
 from haptic_driver.config import texture_dirs
 from haptic_driver.errors import BadInputError
 from haptic_driver.textures.library import load, texture_names
 from haptic_driver.textures.reach import WEBER, Demand, demand
 
 app = typer.Typer(no_args_is_help=True, help="List, draw, check and play textures.")
-Name = Annotated[
-    str, typer.Argument(help="Texture: a name in configs/textures or a path.", autocompletion=names_of("textures"))
-]
+Name = Annotated[str, named("textures", "Texture", Argument)]
 
 
 @app.command("list")
@@ -45,7 +44,7 @@ def list_textures(as_json: Json = False) -> None:
 @app.command()
 def preview(
     name: Name,
-    out: Annotated[Path, typer.Option("--out", help="Picture to write (.png, .pdf or .svg).")] = Path("texture.png"),
+    out: Annotated[Path, Option(help="Picture to write (.png, .pdf or .svg).")] = Path("texture.png"),
     as_json: Json = False,
 ) -> None:
     """Draw a texture in the plane and along a line, or a script over time.
@@ -62,9 +61,9 @@ def preview(
 @app.command()
 def check(
     name: Name,
-    normal_force: Annotated[float, typer.Option("--normal-force", help="Normal force of the finger, N.")] = 0.5,
+    normal_force: Annotated[float, Option(help="Normal force of the finger, N.")] = 0.5,
     model: ModelOption = "reference",
-    surface: Annotated[Path | None, typer.Option("--surface", help="Surface file instead of a model.")] = None,
+    surface: Annotated[Path | None, Option(help="Surface file instead of a model.")] = None,
     rig: RigOption = "simulated",
     as_json: Json = False,
 ) -> None:

@@ -10,10 +10,10 @@ from collections.abc import Iterable, Sequence
 from contextlib import closing
 from typing import TYPE_CHECKING, Annotated
 
-import typer
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
+from typer import Option
 
 from haptic_driver.cli.control import client_of, number
 from haptic_driver.cli.daemon import SocketOption
@@ -28,7 +28,7 @@ SCALE_STEPS = 10  # per unit of friction: the scale of a line moves in tenths
 
 
 def watch(
-    for_s: Annotated[float | None, typer.Option("--for", min=0.0, help="End after so many seconds.")] = None,
+    for_s: Annotated[float | None, Option("--for", min=0.0, help="End after so many seconds.")] = None,
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
