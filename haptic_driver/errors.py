@@ -32,6 +32,13 @@ class BadInputError(HapticError):
     exit_status = 2
 
 
+def require_range(what: str, value: float, low: float, high: float, *, unit: str = "") -> None:
+    """BadInputError for a value that is not within `low` to `high`; `unit` with its blank."""
+    if not low <= value <= high:
+        said = f"{what} {value:g}{unit} is out of range"
+        raise BadInputError("out_of_range", said, f"Give {low:g} to {high:g}{unit}")
+
+
 def optional(module: str, extra: str, what: str) -> Any:
     """A module of a package that only `haptic-driver[extra]` brings; HapticError where it is not there for `what`."""
     try:

@@ -11,6 +11,7 @@ from typer import Argument, Option
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input, writing
+from haptic_driver.pictures.model import draw_calibration
 from haptic_driver.surface.models import load_model
 from model.analysis.calibration import OPTIONAL, Calibration, write_calibration
 from model.analysis.calibration import calibrate as run
@@ -32,8 +33,6 @@ def calibrate(
 
     Example: `haptic calibrate data.csv --model reference --out finger.toml`
     """
-    from haptic_driver.pictures.model import draw_calibration  # noqa: PLC0415  (matplotlib is slow to import)
-
     description = load_model(model)
     _check(also or [], out)
     with bad_input("bad_data"):

@@ -18,7 +18,7 @@ from rich.text import Text
 from typer import Argument, Option
 
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import Json, named, report, stdout
+from haptic_driver.cli.output import Json, named, report, signals_to, stdout
 from haptic_driver.daemon.place import default_socket
 from haptic_driver.daemon.private_file import write_private
 from haptic_driver.errors import BadInputError, HapticError
@@ -52,9 +52,11 @@ def arm(
         return
     from haptic_driver.client import LeaseLostError  # noqa: PLC0415  (HTTP is slow to import)
 
+    # SIGTERM and a closed terminal end it as Ctrl-C does, which also ends it where a script ignores it.
+    as_ctrl_c = signals_to(signal.default_int_handler, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     with client_of(socket) as client:
         try:
-            with client.armed(lease_s) as session, _lease_file(client.socket, session.token), _ends_like_ctrl_c():
+            with client.armed(lease_s) as session, _lease_file(client.socket, session.token), as_ctrl_c:
                 held = {"state": "armed", "lease_s": lease_s, "token_file": str(_token_path(client.socket))}
                 report(as_json, held, lambda: stdout.print(f"armed, lease {lease_s:g} s; Ctrl-C disarms"))
                 with suppress(KeyboardInterrupt):  # the usual end
@@ -213,18 +215,6 @@ def _raise_unless_disarmed(status: Status, lost_by: str) -> None:
         raise HapticError("fault", f"the daemon went into fault: {status.fault}", "remove the cause, then haptic reset")
     if lost_by == "lease_expired" or "lease_lost" in status.flags:  # the flag comes once the output has ramped down
         raise HapticError("lease_lost", "the lease ran out before it was renewed", "arm again, with a longer --lease")
-
-
-@contextmanager
-def _ends_like_ctrl_c() -> Iterator[None]:
-    """SIGTERM and a closed terminal end the block as Ctrl-C does, which also ends it where a script ignores it."""
-    ending = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.signal(number, signal.default_int_handler) for number in ending}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _lives(pid: int) -> bool:

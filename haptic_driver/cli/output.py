@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from types import FrameType
 from typing import Annotated, Any
 
 from rich.console import Console
@@ -102,6 +104,17 @@ def status(what: str) -> Iterator[Callable[[str], None]]:
                 shown.update(f"{what}: {step}")
 
         yield tell
+
+
+@contextmanager
+def signals_to(handler: Callable[[int, FrameType | None], object], *numbers: signal.Signals) -> Iterator[None]:
+    """Meanwhile these signals go to `handler`; afterwards to whom they went before."""
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
 
 
 @contextmanager

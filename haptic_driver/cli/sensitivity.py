@@ -12,6 +12,7 @@ from typer import Option
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import write_rows
+from haptic_driver.pictures.model import draw_sensitivity
 from haptic_driver.surface.models import load_model
 from model.analysis.sensitivity import force_sensitivity
 from model.conditions import Conditions
@@ -33,8 +34,6 @@ def sensitivity(
 
     Example: `haptic sensitivity --out sensitivity`
     """
-    from haptic_driver.pictures.model import draw_sensitivity  # noqa: PLC0415  (matplotlib is slow to import)
-
     if draws & (draws - 1):
         raise BadInputError("bad_draws", f"--draws {draws} is not a power of two", "For example 1024")
     at = np.array(frequency or FREQUENCIES_HZ)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 from typing import Annotated
 
 from rich.text import Text
 from typer import Option
 
-from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, report, stdout
+from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, report, signals_to, stdout
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.simulation.served import ServedRig
@@ -40,7 +38,9 @@ def simulate(
     if not config.simulated:
         raise BadInputError("not_simulated", f"rig {config.name} is not simulated", "Name one that is, e.g. simulated")
     touch = TouchModel(load_model(config.simulation.model or model))
-    with _interrupted() as ended, _served(config, touch, port) as served:
+    ended = threading.Event()
+    ending = signals_to(lambda number, frame: ended.set(), signal.SIGINT, signal.SIGTERM)
+    with ending, _served(config, touch, port) as served:
         report(as_json, {"endpoints": served.endpoints}, partial(_show, served.endpoints))
         before_s = time.monotonic()
         while not ended.wait(STEP_S):
@@ -62,17 +62,3 @@ def _show(endpoints: dict[str, str]) -> None:
     for name, where in endpoints.items():
         stdout.print(f"{name:26} {where}")
     stdout.print(Text.assemble(SIMULATED, "; Ctrl-C ends it"))
-
-
-@contextmanager
-def _interrupted() -> Iterator[threading.Event]:
-    """Set by SIGINT or SIGTERM, which then end nothing by themselves."""
-    ended = threading.Event()
-    before = {
-        number: signal.signal(number, lambda number, frame: ended.set()) for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield ended
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

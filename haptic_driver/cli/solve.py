@@ -11,7 +11,7 @@ import numpy as np
 from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError, HapticError, require_range
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
 from haptic_driver.render.safety import violation
@@ -44,7 +44,7 @@ def solve(
     """
     config = load_rig(rig)
     limits = config.operating_limits()
-    _check(friction, "friction", 1e-3, 10.0, "")
+    require_range("friction", friction, 1e-3, 10.0)
     fixed_hz = _frequency(frequency)
     chosen = _policy(policy, fixed_hz, config.controller.policy)
     if chosen == "fixed_frequency" and fixed_hz is None and config.controller.fixed_frequency_hz is None:
@@ -56,8 +56,7 @@ def solve(
         description = load_model(model)
         file = build_surface(description, limits)
         interval_at = partial(_interval_at, description)
-    low_n, high_n = float(file.normal_force_n[0]), float(file.normal_force_n[-1])
-    _check(normal_force, "normal force", low_n, high_n, " N")
+    require_range("normal force", normal_force, *file.normal_force_n[[0, -1]].tolist(), unit=" N")
     own = config.controller.model_dump() | {"policy": chosen}
     if fixed_hz is not None:
         own["fixed_frequency_hz"] = fixed_hz
@@ -141,13 +140,6 @@ def _policy(name: str | None, fixed_hz: float | None, default: Policy) -> Policy
                 )
             return policy
     raise BadInputError("bad_policy", f"there is no policy '{name}'", nearest(name, list(POLICIES)))
-
-
-def _check(value: float, what: str, low: float, high: float, unit: str) -> None:
-    if not low <= value <= high:
-        raise BadInputError(
-            "out_of_range", f"{what} {value:g}{unit} is out of range", f"Give {low:g} to {high:g}{unit}"
-        )
 
 
 def _electrostatic_force_n(file: SurfaceFile, cof: float, normal_force_n: float) -> float:

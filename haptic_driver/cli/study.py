@@ -11,6 +11,7 @@ from rich.table import Table
 from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, named, progress, report, stdout
+from haptic_driver.pictures.model import draw_study
 
 
 def study(
@@ -30,7 +31,6 @@ def study(
     Example: `haptic study fingers --out study`
     """
     from haptic_driver.experiments.study import load_study, run_study, statistics  # noqa: PLC0415
-    from haptic_driver.pictures.model import draw_study  # noqa: PLC0415  (matplotlib is slow to import)
 
     found = load_study(plan)
     with progress("fingers", found.plan.count) as advance:

@@ -14,7 +14,8 @@ from haptic_driver.cli import control
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, ModelOption, RigOption, compiling, named, report, stdout
 from haptic_driver.config import texture_dirs
-from haptic_driver.errors import BadInputError
+from haptic_driver.errors import BadInputError, require_range
+from haptic_driver.pictures import textures as pictures
 from haptic_driver.textures.library import load, texture_names
 from haptic_driver.textures.reach import WEBER, Demand, demand
 
@@ -51,10 +52,8 @@ def preview(
 
     Example: `haptic texture preview linen --out linen.png`
     """
-    from haptic_driver.pictures.textures import preview as draw  # noqa: PLC0415  (matplotlib is slow to import)
-
     loaded = load(name, texture_dirs())
-    draw(loaded.target, out, f"{name}: {loaded.description}" if loaded.description else name)
+    pictures.preview(loaded.target, out, f"{name}: {loaded.description}" if loaded.description else name)
     report(as_json, {"picture": str(out)}, lambda: stdout.print(f"picture: {out}"))
 
 
@@ -122,11 +121,7 @@ def _reachable(rig: str, model: str, surface: Path | None, normal_force_n: float
         file = read_surface(surface) if surface is not None else build_surface(load_model(model), limits)
         settings = ControllerSettings(ready_for_lookup(file, limits), **config.controller.model_dump(), limits=limits)
         controller = Controller(settings)
-    low_n, high_n = float(file.normal_force_n[0]), float(file.normal_force_n[-1])
-    if not low_n <= normal_force_n <= high_n:
-        raise BadInputError(
-            "out_of_range", f"normal force {normal_force_n:g} N is out of range", f"Give {low_n:g} to {high_n:g} N"
-        )
+    require_range("normal force", normal_force_n, *file.normal_force_n[[0, -1]].tolist(), unit=" N")
     low, high = controller.reachable(normal_force_n)
     return float(low), float(high)
 

@@ -24,14 +24,8 @@ from haptic_driver.recording.event import Event
 
 PERIOD_S = 0.02  # between looks at the ring; OSC sends the newest sample so often
 OSC_FIELDS = (
-    "position_x_m",
-    "position_y_m",
-    "target_cof",
-    "measured_cof",
-    "frequency_hz",
-    "voltage_v",
-    "normal_force_n",
-)
+    "position_x_m", "position_y_m", "target_cof", "measured_cof", "frequency_hz", "voltage_v", "normal_force_n",
+)  # fmt: skip
 
 
 class Outlet(Protocol):
@@ -98,29 +92,26 @@ def feeding(
 
     The first error of an outlet is told to `failed` and ends that outlet alone.
     """
-    ending = threading.Event()
-    thread = threading.Thread(target=_feed, args=(list(outlets), ring, events_since, failed, ending), name="outlets")
+    ending, running = threading.Event(), list(outlets)
+
+    def feed() -> None:
+        position = ring.position
+        number = max((event.number for event in events_since(0)), default=0)
+        while not ending.wait(PERIOD_S) and running:
+            samples, _, position = ring.read(position)
+            events = events_since(number)
+            number = events[-1].number if events else number
+            for outlet in list(running):
+                try:
+                    outlet.send(samples, events)
+                except (OSError, RuntimeError, ValueError) as error:
+                    running.remove(outlet)
+                    failed(f"{type(outlet).__name__} ended: {error}")
+
+    thread = threading.Thread(target=feed, name="outlets")
     thread.start()
     try:
         yield
     finally:
         ending.set()
         thread.join()
-
-
-def _feed(
-    outlets: list[Outlet], ring: Ring, events_since: Callable[[int], Sequence[Event]], failed: Callable[[str], object],
-    ending: threading.Event,
-) -> None:  # fmt: skip
-    position = ring.position
-    number = max((event.number for event in events_since(0)), default=0)
-    while not ending.wait(PERIOD_S) and outlets:
-        samples, _, position = ring.read(position)
-        events = events_since(number)
-        number = events[-1].number if events else number
-        for outlet in list(outlets):
-            try:
-                outlet.send(samples, events)
-            except (OSError, RuntimeError, ValueError) as error:
-                outlets.remove(outlet)
-                failed(f"{type(outlet).__name__} ended: {error}")

@@ -15,7 +15,6 @@ import secrets
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self, TextIO
 
 from haptic_driver.errors import BadInputError
@@ -123,9 +122,7 @@ class DataFile:
         """Already open."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close; every row is on the disk already."""
         self._file.close()
 

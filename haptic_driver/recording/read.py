@@ -69,12 +69,6 @@ def read_run(path: Path, name: str | None = None) -> Run:
         )
 
 
-def check_recording(path: Path) -> None:
-    """Raise BadInputError when a file is no recording that this program can read."""
-    with _opened(path):
-        pass
-
-
 def export(
     path: Path, out: Path, *, run: str | None = None, events: bool = False, force: bool = False,
     progress: Callable[[int], None] = lambda rows: None,
@@ -117,11 +111,8 @@ def _opened(path: Path) -> Iterator[h5py.File]:
     try:
         file = h5py.File(path, "r", locking=False)
     except OSError as error:
-        raise BadInputError(
-            "recording_unreadable",
-            f"{path}: not a readable HDF5 file ({error})",
-            "Give a file that haptic record wrote",
-        ) from error
+        said = f"{path}: not a readable HDF5 file ({error})"
+        raise BadInputError("recording_unreadable", said, "Give a file that haptic record wrote") from error
     with file:
         try:
             _check_format(path, file)
