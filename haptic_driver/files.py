@@ -85,12 +85,7 @@ def not_written(path: Path, error: OSError) -> HapticError:
     if isinstance(error, IsADirectoryError):
         return HapticError("not_written", f"{path}: cannot be written: it is a folder", "Name a file in it as --out")
     if isinstance(error, FileExistsError | NotADirectoryError):
-        return HapticError(
-            "not_written", f"{path}: cannot be written: a file stands where a folder is needed", "Choose another --out"
-        )
-    return HapticError("not_written", f"{path}: cannot be written: {_reason(error)}", "Choose another --out")
-
-
-def _reason(error: Exception) -> str:
-    """In words, without the path again."""
-    return (error.strerror if isinstance(error, OSError) else None) or str(error)
+        said = f"{path}: cannot be written: a file stands where a folder is needed"
+        return HapticError("not_written", said, "Choose another --out")
+    reason = error.strerror or str(error)  # without the path again
+    return HapticError("not_written", f"{path}: cannot be written: {reason}", "Choose another --out")

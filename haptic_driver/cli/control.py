@@ -77,10 +77,8 @@ def set_target(
     from haptic_driver.daemon.messages import HIGHEST_ASKED_COF  # noqa: PLC0415  pydantic is slow to import
 
     if not 0.0 < cof <= HIGHEST_ASKED_COF:
-        raise BadInputError(
-            "out_of_range", f"friction {cof:g} is out of range",
-            f"Give a coefficient of friction above 0, at most {HIGHEST_ASKED_COF:g}, such as 0.6",
-        )  # fmt: skip
+        hint = f"Give a coefficient of friction above 0, at most {HIGHEST_ASKED_COF:g}, such as 0.6"
+        raise BadInputError("out_of_range", f"friction {cof:g} is out of range", hint)
     ask(socket, as_json, lambda client: client.set(_token(client.socket), cof))
 
 
@@ -181,9 +179,8 @@ def _token(socket: Path) -> str:
     try:
         return _token_path(socket).read_text().strip()
     except OSError:
-        raise HapticError(
-            "not_armed", "nobody has armed with `haptic arm`", "haptic arm in another terminal, or haptic arm --detach"
-        ) from None
+        said = "nobody has armed with `haptic arm`"
+        raise HapticError("not_armed", said, "haptic arm in another terminal, or haptic arm --detach") from None
 
 
 @contextmanager

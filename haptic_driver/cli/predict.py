@@ -84,9 +84,8 @@ def _kept(table: Table) -> dict[str, str]:
     kept = {name: name + MEASURED if name in ADDED else name for name in header}
     for column, name in kept.items():
         if name != column and name in header:
-            raise BadInputError(
-                "bad_table", f"{table.path}: has both {column} and {name}", "Keep or rename one of them"
-            )
+            said = f"{table.path}: has both {column} and {name}"
+            raise BadInputError("bad_table", said, "Keep or rename one of them")
     return kept
 
 

@@ -53,9 +53,8 @@ def _served(config: RigConfig, touch: TouchModel, port: int) -> ServedRig:
     try:
         return ServedRig(config, touch, generator_port=port)
     except OSError as error:
-        raise HapticError(
-            "port_taken", f"port {port} cannot be had ({error})", "Choose another --port, or 0"
-        ) from error
+        said = f"port {port} cannot be had ({error})"
+        raise HapticError("port_taken", said, "Choose another --port, or 0") from error
 
 
 def _show(endpoints: dict[str, str]) -> None:

@@ -91,11 +91,8 @@ def _point(controller: Controller, limits: OperatingLimits, friction: float, nor
     _, point = controller.step(INITIAL, TargetFriction(friction, True), finger, NO_COMMAND)
     if not point.reachable:
         low, high = controller.reachable(normal_force_n)
-        raise BadInputError(
-            "unreachable",
-            f"friction {friction:g} cannot be reached at {normal_force_n:g} N by policy {controller.settings.policy}",
-            f"Reachable: {low:.4g} to {high:.4g}",
-        )
+        said = f"friction {friction:g} cannot be reached at {normal_force_n:g} N by policy {controller.settings.policy}"
+        raise BadInputError("unreachable", said, f"Reachable: {low:.4g} to {high:.4g}")
     refused = violation(limits, point)
     if refused is not None:
         raise HapticError("refused", f"the safety gate refuses the point found: {refused}", "Check the rig's limits")
@@ -135,9 +132,8 @@ def _policy(name: str | None, fixed_hz: float | None, default: Policy) -> Policy
     for policy in POLICIES:
         if policy == name:
             if fixed_hz is not None and policy != "fixed_frequency":
-                raise BadInputError(
-                    "bad_policy", f"policy {policy} chooses the frequency itself", "Leave --frequency auto"
-                )
+                said = f"policy {policy} chooses the frequency itself"
+                raise BadInputError("bad_policy", said, "Leave --frequency auto")
             return policy
     raise BadInputError("bad_policy", f"there is no policy '{name}'", nearest(name, list(POLICIES)))
 

@@ -21,11 +21,8 @@ from model.conditions import UNDRIVEN_HZ
 MOST_ROWS = 100_000
 
 
-def _as_list(value: Any) -> Any:
-    return value if isinstance(value, list) else [value]
-
-
-_SOME = (Field(min_length=1), BeforeValidator(_as_list))  # one number or a list of them
+# One number or a list of them.
+_SOME = (Field(min_length=1), BeforeValidator(lambda value: value if isinstance(value, list) else [value]))
 Frequencies = Annotated[list[Annotated[FiniteFloat, Field(ge=1e-3, le=20e6)]], *_SOME]
 Voltages = Annotated[list[Annotated[FiniteFloat, Field(ge=0.0, le=1000.0)]], *_SOME]
 Loads = Annotated[list[Annotated[FiniteFloat, Field(ge=0.01, le=20.0)]], *_SOME]

@@ -128,7 +128,9 @@ class Study:
         combinations = self.plan.combinations
         finger = task // len(combinations)
         values = self.finger(finger) | combinations[task % len(combinations)]
-        description = _with(self.description, values)
+        own = self.description.parameters
+        changed = {name: replace(own[name], value=value) for name, value in values.items()}
+        description = replace(self.description, parameters=own | changed)
         axes = SurfaceAxes(voltage_high_v=self.limits.voltage_v, **self.plan.surface.model_dump())
         file = build_surface(description, self.limits, axes)
         if out is not None and self.plan.keep_surfaces:
@@ -155,11 +157,6 @@ class Study:
     def frequency_hz(self) -> Array:
         """Where `highest_cof` of a task is given [f]."""
         return SurfaceAxes(frequency_count=self.plan.surface.frequency_count).frequency_hz
-
-
-def _with(description: ModelDescription, values: dict[str, float]) -> ModelDescription:
-    changed = {name: replace(description.parameters[name], value=value) for name, value in values.items()}
-    return replace(description, parameters=description.parameters | changed)
 
 
 def load_study(name_or_path: str) -> Study:
@@ -211,9 +208,8 @@ def _finished(pool: Executor, study: Study, tasks: list[int], out: Path | None) 
         for future in as_completed(futures):
             yield future.result()
     except BrokenProcessPool as error:
-        raise HapticError(
-            "worker_lost", "a worker process died", "Run the same command again: finished tasks are kept"
-        ) from error
+        said = "a worker process died"
+        raise HapticError("worker_lost", said, "Run the same command again: finished tasks are kept") from error
     finally:
         for future in futures:
             future.cancel()
@@ -225,9 +221,8 @@ def _resume(study: Study, path: Path) -> dict[int, dict[str, Any]]:
     whole = path.read_bytes().rpartition(b"\n")[0] if path.exists() else b""
     lines = whole.decode("utf-8", "replace").split("\n") if whole else []
     if lines and lines[0] != head:
-        raise BadInputError(
-            "other_study", f"{path}: holds another study, or the plan or model has changed", "Choose another --out"
-        )
+        said = f"{path}: holds another study, or the plan or model has changed"
+        raise BadInputError("other_study", said, "Choose another --out")
     try:
         done = {found["task"]: found for found in map(json.loads, lines[1:])}
     except (ValueError, TypeError, KeyError) as error:
@@ -248,9 +243,8 @@ def _executor(cluster: str | None, workers: int | None) -> Iterator[Executor]:
     try:
         client = distributed.Client(cluster, timeout=20)
     except (OSError, TimeoutError, ValueError) as error:
-        raise HapticError(
-            "no_cluster", f"no Dask scheduler answers at {cluster} ({error})", "For example tcp://127.0.0.1:8786"
-        ) from error
+        said = f"no Dask scheduler answers at {cluster} ({error})"
+        raise HapticError("no_cluster", said, "For example tcp://127.0.0.1:8786") from error
     with client, client.get_executor(pure=False) as pool:
         yield pool
 

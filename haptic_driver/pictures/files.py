@@ -32,9 +32,8 @@ def saved(figure: Figure, path: Path, dpi: int = 110) -> Iterator[None]:
     try:
         ending = path.suffix.lower()
         if ending not in ENDINGS:
-            raise BadInputError(
-                "bad_ending", f"{path}: is no name of a picture", f"Give a name that ends in {', '.join(ENDINGS)}"
-            )
+            said = f"{path}: is no name of a picture"
+            raise BadInputError("bad_ending", said, f"Give a name that ends in {', '.join(ENDINGS)}")
         yield
         with replacing(path) as part:
             figure.savefig(part, dpi=dpi, format=ending.removeprefix("."))

@@ -60,9 +60,8 @@ def draw_surface(surface: SurfaceFile, normal_force_n: float, path: Path) -> flo
     """Friction over frequency and voltage at the level nearest to `normal_force_n`, which is returned."""
     low, high = surface.normal_force_n[[0, -1]]
     if not low <= normal_force_n <= high:
-        raise BadInputError(
-            "out_of_range", f"normal force {normal_force_n:g} N is not on the surface", f"Give {low:g} to {high:g} N"
-        )
+        said = f"normal force {normal_force_n:g} N is not on the surface"
+        raise BadInputError("out_of_range", said, f"Give {low:g} to {high:g} N")
     level = int(np.argmin(np.abs(np.log(surface.normal_force_n / normal_force_n))))
     force_n = float(surface.normal_force_n[level])
     cof = np.ma.masked_invalid(surface.cof[:, :, level].T)

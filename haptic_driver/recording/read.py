@@ -118,22 +118,18 @@ def _opened(path: Path) -> Iterator[h5py.File]:
             _check_format(path, file)
             yield file
         except (KeyError, ValueError, RuntimeError) as error:
-            raise BadInputError(
-                "recording_unreadable", f"{path}: is damaged ({error})", "Look at it with h5dump; use another copy"
-            ) from error
+            hint = "Look at it with h5dump; use another copy"
+            raise BadInputError("recording_unreadable", f"{path}: is damaged ({error})", hint) from error
 
 
 def _check_format(path: Path, file: h5py.File) -> None:
     if file.attrs.get("format") != FORMAT:
-        raise BadInputError(
-            "recording_foreign", f"{path}: is HDF5 but not a recording", "Give a file that haptic record wrote"
-        )
+        said = f"{path}: is HDF5 but not a recording"
+        raise BadInputError("recording_foreign", said, "Give a file that haptic record wrote")
     version = float(file.attrs["format_version"])
     if version != FORMAT_VERSION:
-        raise BadInputError(
-            "recording_version", f"{path}: has format {version:g}, this program reads {FORMAT_VERSION:g}",
-            "Use the version of haptic-driver that wrote it, or a newer one",
-        )  # fmt: skip
+        said = f"{path}: has format {version:g}, this program reads {FORMAT_VERSION:g}"
+        raise BadInputError("recording_version", said, "Use the version of haptic-driver that wrote it, or a newer one")
 
 
 def _names(file: h5py.File) -> list[str]:

@@ -129,10 +129,9 @@ class RunWriter:
             self._exchange()
         except (OSError, RuntimeError, KeyError) as error:
             remove_hidden(self.path)
-            raise HapticError(
-                "recording_failed", f"{self.path}: recording stopped, what came before is kept ({self._said(error)})",
-                "Make room on the disk, or choose another file, and record again",
-            ) from error  # fmt: skip
+            said = f"{self.path}: recording stopped, what came before is kept ({self._said(error)})"
+            hint = "Make room on the disk, or choose another file, and record again"
+            raise HapticError("recording_failed", said, hint) from error
 
     def _exchange(self) -> None:
         """Killed anywhere here, the visible file is the old one or the new one."""

@@ -34,9 +34,8 @@ def read_map(path: Path) -> Array:
     readers = {".png": read_png, ".npy": read_npy, ".csv": read_grid}
     reader = readers.get(path.suffix.lower())
     if reader is None:
-        raise BadInputError(
-            "bad_texture", f"{path}: key 'file' of a map cannot be a '{path.suffix}' file", "use .png, .npy or .csv"
-        )
+        said = f"{path}: key 'file' of a map cannot be a '{path.suffix}' file"
+        raise BadInputError("bad_texture", said, "use .png, .npy or .csv")
     return reader(path)
 
 
@@ -164,9 +163,8 @@ def _csv_lines(path: Path) -> list[tuple[int, list[str]]]:
             if any(cell.strip() for cell in cells) and not cells[0].lstrip().startswith("#")
         ]
     except csv.Error as error:
-        raise BadInputError(
-            "file_unreadable", f"{path} line {reader.line_num} is not CSV: {error}", "separate the numbers by commas"
-        ) from None
+        said = f"{path} line {reader.line_num} is not CSV: {error}"
+        raise BadInputError("file_unreadable", said, "separate the numbers by commas") from None
 
 
 def _number(path: Path, line: int, cell: str) -> float:

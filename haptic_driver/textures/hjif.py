@@ -81,9 +81,8 @@ def _refuse_vertices(where: str, channel: dict[str, Any]) -> None:
         raise _refused(where, "is bound to vertices of an avatar", "remove 'vertices': a screen has no mesh")
     direction = channel.get("direction")
     if direction and any(direction.values() if isinstance(direction, dict) else direction):
-        raise _refused(
-            where, "has a direction", "remove 'direction', and give direction_deg in the texture's .toml file instead"
-        )
+        said = "has a direction"
+        raise _refused(where, said, "remove 'direction', and give direction_deg in the texture's .toml file instead")
 
 
 def _keyframes(where: str, effect: dict[str, Any]) -> tuple[Array, Array]:

@@ -90,14 +90,11 @@ def _load_file(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
     if suffix == ".hmpg":
         hjif.read(path)  # refuses it
     if suffix in EXAMPLES:
-        raise BadInputError(
-            "texture_needs_scale",
-            f"{path} alone does not say which friction{' and which size' if suffix != '.hjif' else ''} it means",
-            f"write a .toml file beside it and give that instead:\n{EXAMPLES[suffix].format(file=path.name)}",
-        )
-    raise BadInputError(
-        "bad_texture", f"{path} is not a texture file", f"give a .toml or .csv file; {_named_hint(path.stem, search)}"
-    )
+        said = f"{path} alone does not say which friction{' and which size' if suffix != '.hjif' else ''} it means"
+        hint = f"write a .toml file beside it and give that instead:\n{EXAMPLES[suffix].format(file=path.name)}"
+        raise BadInputError("texture_needs_scale", said, hint)
+    said = f"{path} is not a texture file"
+    raise BadInputError("bad_texture", said, f"give a .toml or .csv file; {_named_hint(path.stem, search)}")
 
 
 def _load_toml(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
