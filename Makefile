@@ -19,7 +19,7 @@ demo: .venv/.runtime
 	$(BIN)/haptic demo --out out/demo
 
 demo-diagnosis: .venv/.runtime
-	$(BIN)/python -m haptic_driver.cli.demo_diagnosis --out out/demo-diagnosis
+	$(BIN)/python examples/demo_diagnosis.py --out out/demo-diagnosis
 
 lint: .venv/.test
 	$(BIN)/ruff check .

@@ -269,10 +269,10 @@ def _fields(schema: Schema) -> str:
 
 
 def python_page() -> str:
-    """The examples, each with the words at its top."""
+    """The numbered examples, each with the words at its top."""
     words = _words()["python"]
     parts = ["# Python: the same from a script", GENERATED, words["introduction"].strip()]
-    for path in sorted((ROOT / "examples").glob("*.py")):
+    for path in sorted((ROOT / "examples").glob("[0-9]*.py")):
         source = path.read_text(encoding="utf-8")
         said = ast.get_docstring(ast.parse(source)) or ""
         title, _, text = said.partition("\n\n")

@@ -280,9 +280,8 @@ def _understood(schema: type[Schema], content: bytes | str) -> Schema:
     try:
         return schema.model_validate_json(content)
     except ValidationError as error:
-        raise HapticError(
-            "bad_answer", f"the answer is no {schema.__name__}", "is this the daemon, and of the same version?"
-        ) from error
+        said = f"the answer is no {schema.__name__}"
+        raise HapticError("bad_answer", said, "is this the daemon, and of the same version?") from error
 
 
 def _shown_off(status: Status) -> Status:

@@ -26,12 +26,21 @@ def read_text(path: Path) -> str:
 
 
 @contextmanager
-def bad_input() -> Iterator[None]:
-    """What a reader of `model` refuses becomes the driver's error, with the same code, message and hint."""
+def bad_input(code: str = "") -> Iterator[None]:
+    """What a reader of `model` refuses becomes the driver's error, with the same words and its own code or `code`."""
     try:
         yield
     except ModelError as error:
-        raise BadInputError(error.code, error.message, error.hint) from error
+        raise BadInputError(code or error.code, error.message, error.hint) from error
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """What the system refuses while something is written to `path` becomes a HapticError."""
+    try:
+        yield
+    except OSError as error:
+        raise not_written(path, error) from error
 
 
 @contextmanager
@@ -43,14 +52,19 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield part
-        os.replace(part, path)
-    except OSError as error:
-        raise not_written(path, error) from error
+        with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield part
+            os.replace(part, path)
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """A whole file of UTF-8."""
+    with replacing(path) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, str | float]]) -> None:
@@ -71,12 +85,7 @@ def not_written(path: Path, error: OSError) -> HapticError:
     if isinstance(error, IsADirectoryError):
         return HapticError("not_written", f"{path}: cannot be written: it is a folder", "Name a file in it as --out")
     if isinstance(error, FileExistsError | NotADirectoryError):
-        return HapticError(
-            "not_written", f"{path}: cannot be written: a file stands where a folder is needed", "Choose another --out"
-        )
-    return HapticError("not_written", f"{path}: cannot be written: {_reason(error)}", "Choose another --out")
-
-
-def _reason(error: Exception) -> str:
-    """In words, without the path again."""
-    return (error.strerror if isinstance(error, OSError) else None) or str(error)
+        said = f"{path}: cannot be written: a file stands where a folder is needed"
+        return HapticError("not_written", said, "Choose another --out")
+    reason = error.strerror or str(error)  # without the path again
+    return HapticError("not_written", f"{path}: cannot be written: {reason}", "Choose another --out")

@@ -5,27 +5,26 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from rich.table import Table
+from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import not_written
+from haptic_driver.files import bad_input, writing
+from haptic_driver.pictures.model import draw_calibration
 from haptic_driver.surface.models import load_model
 from model.analysis.calibration import OPTIONAL, Calibration, write_calibration
 from model.analysis.calibration import calibrate as run
 from model.diagnosis.data import read_measurements
 from model.diagnosis.space import FINGER
-from model.support.errors import ModelError, nearest
+from model.support.errors import nearest
 
 
 def calibrate(
-    data: Annotated[Path, typer.Argument(help="CSV: frequency_hz, voltage_v, normal_force_n, cof, ...")],
+    data: Annotated[Path, Argument(help="CSV: frequency_hz, voltage_v, normal_force_n, cof, ...")],
     model: ModelOption = "reference",
-    out: Annotated[Path, typer.Option("--out", help="Model file to write; its picture stands beside it.")] = Path(
-        "finger.toml"
-    ),
-    also: Annotated[list[str] | None, typer.Option("--also", help="A further parameter to fit; repeatable.")] = None,
+    out: Annotated[Path, Option(help="Model file to write; its picture stands beside it.")] = Path("finger.toml"),
+    also: Annotated[list[str] | None, Option(help="A further parameter to fit; repeatable.")] = None,
     as_json: Json = False,
 ) -> None:
     """Fit a finger's own numbers (roughness, skin thickness, leakage, friction at 0 V) to its data.
@@ -34,20 +33,14 @@ def calibrate(
 
     Example: `haptic calibrate data.csv --model reference --out finger.toml`
     """
-    from haptic_driver.pictures.model import draw_calibration  # noqa: PLC0415  (matplotlib is slow to import)
-
     description = load_model(model)
     _check(also or [], out)
-    try:
+    with bad_input("bad_data"):
         measurements = read_measurements(data)
         with status("fitting"):
             found = run(description, measurements, also or ())
-    except ModelError as error:
-        raise BadInputError("bad_data", error.message, error.hint) from error
-    try:
+    with writing(out):
         write_calibration(found, description, out, data.name)
-    except OSError as error:
-        raise not_written(out, error) from error
     picture = out.with_suffix(".png")
     draw_calibration(found, picture)
     report(as_json, _payload(found, out, picture), lambda: _show(found, out, picture))

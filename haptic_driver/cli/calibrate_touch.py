@@ -10,8 +10,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from rich.table import Table
+from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, RigOption, report, stderr, stdout
 from haptic_driver.config import config_names, find_config
@@ -39,16 +39,13 @@ from model.support.errors import nearest
 
 
 def calibrate_touch(
-    places: Annotated[Path, typer.Argument(help="CSV: x_m, y_m; what --out wrote is fitted without touching.")],
+    places: Annotated[Path, Argument(help="CSV: x_m, y_m; what --out wrote is fitted without touching.")],
     rig: RigOption,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="CSV to write: places, counts and day, to fit them again.")
-    ] = None,
+    out: Annotated[Path | None, Option(help="CSV to write: places, counts and day, to fit them again.")] = None,
     spread_raw: Annotated[
-        float | None,
-        typer.Option("--spread-raw", min=0.0, help="Counts within which a finger holds still; else 0.5 % of an axis."),
+        float | None, Option(min=0.0, help="Counts within which a finger holds still; else 0.5 % of an axis.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing --out.")] = False,
+    force: Annotated[bool, Option("--force", help="Overwrite an existing --out.")] = False,
     as_json: Json = False,
 ) -> None:
     """Calibrate a rig's touch screen: touch known places as asked, and paste what it says.

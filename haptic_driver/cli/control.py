@@ -14,11 +14,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 from rich.text import Text
+from typer import Argument, Option
 
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import Json, names_of, report, stdout
+from haptic_driver.cli.output import Json, named, report, signals_to, stdout
 from haptic_driver.daemon.place import default_socket
 from haptic_driver.daemon.private_file import write_private
 from haptic_driver.errors import BadInputError, HapticError
@@ -31,12 +31,12 @@ POLL_S = 0.1
 
 
 def arm(
-    lease_s: Annotated[float, typer.Option("--lease", help="Lease in seconds; Ctrl-C or death ends it sooner.")] = 0.5,
-    for_s: Annotated[float | None, typer.Option("--for", min=0.0, help="Disarm after so many seconds.")] = None,
+    lease_s: Annotated[float, Option("--lease", help="Lease in seconds; Ctrl-C or death ends it sooner.")] = 0.5,
+    for_s: Annotated[float | None, Option("--for", min=0.0, help="Disarm after so many seconds.")] = None,
     detach: Annotated[
-        bool, typer.Option("--detach", help="Return once armed; disarm when the shell or script that called ends.")
+        bool, Option("--detach", help="Return once armed; disarm when the shell or script that called ends.")
     ] = False,
-    while_pid: Annotated[int | None, typer.Option("--while-pid", hidden=True)] = None,
+    while_pid: Annotated[int | None, Option(hidden=True)] = None,
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
@@ -52,9 +52,11 @@ def arm(
         return
     from haptic_driver.client import LeaseLostError  # noqa: PLC0415  (HTTP is slow to import)
 
+    # SIGTERM and a closed terminal end it as Ctrl-C does, which also ends it where a script ignores it.
+    as_ctrl_c = signals_to(signal.default_int_handler, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     with client_of(socket) as client:
         try:
-            with client.armed(lease_s) as session, _lease_file(client.socket, session.token), _ends_like_ctrl_c():
+            with client.armed(lease_s) as session, _lease_file(client.socket, session.token), as_ctrl_c:
                 held = {"state": "armed", "lease_s": lease_s, "token_file": str(_token_path(client.socket))}
                 report(as_json, held, lambda: stdout.print(f"armed, lease {lease_s:g} s; Ctrl-C disarms"))
                 with suppress(KeyboardInterrupt):  # the usual end
@@ -64,7 +66,7 @@ def arm(
 
 
 def set_target(
-    cof: Annotated[float, typer.Argument(metavar="MU", help="Coefficient of friction to render.")],
+    cof: Annotated[float, Argument(metavar="MU", help="Coefficient of friction to render.")],
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
@@ -75,10 +77,8 @@ def set_target(
     from haptic_driver.daemon.messages import HIGHEST_ASKED_COF  # noqa: PLC0415  pydantic is slow to import
 
     if not 0.0 < cof <= HIGHEST_ASKED_COF:
-        raise BadInputError(
-            "out_of_range", f"friction {cof:g} is out of range",
-            f"Give a coefficient of friction above 0, at most {HIGHEST_ASKED_COF:g}, such as 0.6",
-        )  # fmt: skip
+        hint = f"Give a coefficient of friction above 0, at most {HIGHEST_ASKED_COF:g}, such as 0.6"
+        raise BadInputError("out_of_range", f"friction {cof:g} is out of range", hint)
     ask(socket, as_json, lambda client: client.set(_token(client.socket), cof))
 
 
@@ -107,9 +107,7 @@ def status(socket: SocketOption = None, as_json: Json = False) -> None:
 
 
 def use(
-    model: Annotated[
-        str, typer.Argument(help="A name in configs/models or a path.", autocompletion=names_of("models"))
-    ],
+    model: Annotated[str, named("models", "Model", Argument)],
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
@@ -181,9 +179,8 @@ def _token(socket: Path) -> str:
     try:
         return _token_path(socket).read_text().strip()
     except OSError:
-        raise HapticError(
-            "not_armed", "nobody has armed with `haptic arm`", "haptic arm in another terminal, or haptic arm --detach"
-        ) from None
+        said = "nobody has armed with `haptic arm`"
+        raise HapticError("not_armed", said, "haptic arm in another terminal, or haptic arm --detach") from None
 
 
 @contextmanager
@@ -215,18 +212,6 @@ def _raise_unless_disarmed(status: Status, lost_by: str) -> None:
         raise HapticError("fault", f"the daemon went into fault: {status.fault}", "remove the cause, then haptic reset")
     if lost_by == "lease_expired" or "lease_lost" in status.flags:  # the flag comes once the output has ramped down
         raise HapticError("lease_lost", "the lease ran out before it was renewed", "arm again, with a longer --lease")
-
-
-@contextmanager
-def _ends_like_ctrl_c() -> Iterator[None]:
-    """SIGTERM and a closed terminal end the block as Ctrl-C does, which also ends it where a script ignores it."""
-    ending = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.signal(number, signal.default_int_handler) for number in ending}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _lives(pid: int) -> bool:

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
 
 app = typer.Typer(no_args_is_help=True, help="Run the daemon.")
 SocketOption = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         "--socket", envvar="HAPTIC_SOCKET", help="Where the daemon listens; by default in a private folder of yours."
     ),
 ]
@@ -29,17 +30,13 @@ def run(
     rig: RigOption = "simulated",
     socket: SocketOption = None,
     model: ModelOption = "reference",
-    port: Annotated[
-        int | None, typer.Option("--port", min=0, max=65535, help="Serve the page at this loopback port; 0: any.")
-    ] = None,
-    allow_no_rt: Annotated[
-        bool, typer.Option("--allow-no-rt", help="Arm a real rig without real-time scheduling.")
-    ] = False,
+    port: Annotated[int | None, Option(min=0, max=65535, help="Serve the page at this loopback port; 0: any.")] = None,
+    allow_no_rt: Annotated[bool, Option("--allow-no-rt", help="Arm a real rig without real-time scheduling.")] = False,
     lsl: Annotated[
-        bool, typer.Option("--lsl", help="Offer samples and events to the Lab Streaming Layer, on the local network.")
+        bool, Option("--lsl", help="Offer samples and events to the Lab Streaming Layer, on the local network.")
     ] = False,
     osc: Annotated[
-        str | None, typer.Option("--osc", metavar="HOST:PORT", help="Send samples and events there, as OSC over UDP.")
+        str | None, Option(metavar="HOST:PORT", help="Send samples and events there, as OSC over UDP.")
     ] = None,
     as_json: Json = False,
 ) -> int:

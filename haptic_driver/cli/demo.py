@@ -11,10 +11,12 @@ import numpy as np
 import typer
 from rich.table import Table
 from rich.text import Text
+from typer import Option
 
-from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, names_of, progress, report, stdout
+from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, named, progress, report, stdout
 from haptic_driver.config import texture_dirs
 from haptic_driver.errors import BadInputError
+from haptic_driver.pictures.friction import draw_slide
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.slide import Slide, read_slide, synthetic_slide
 from haptic_driver.rig.tick_settings import tick_settings
@@ -32,20 +34,14 @@ TARGET_BINS = 6
 
 def demo(
     context: typer.Context,
-    trace: Annotated[Path | None, typer.Option("--trace", help="CSV: time_s, position_m, normal_force_n.")] = None,
-    texture: Annotated[
-        str,
-        typer.Option(
-            "--texture", help="Texture: a name in configs/textures or a path.", autocompletion=names_of("textures")
-        ),
-    ] = "grating",
-    out: Annotated[Path, typer.Option("--out", help="Folder for the picture.")] = Path("out/demo"),
+    trace: Annotated[Path | None, Option(help="CSV: time_s, position_m, normal_force_n.")] = None,
+    texture: Annotated[str, named("textures", "Texture")] = "grating",
+    out: Annotated[Path, Option(help="Folder for the picture.")] = Path("out/demo"),
     model: ModelOption = "reference",
-    surface: Annotated[Path | None, typer.Option("--surface", help="Surface file of that model.")] = None,
+    surface: Annotated[Path | None, Option(help="Surface file of that model.")] = None,
     rig: RigOption = "simulated",
     feedback: Annotated[
-        bool,
-        typer.Option("--feedback/--no-feedback", help="Learn the finger's gain, careful until it is known."),
+        bool, Option("--feedback/--no-feedback", help="Learn the finger's gain, careful until it is known.")
     ] = False,
     as_json: Json = False,
 ) -> None:
@@ -74,7 +70,8 @@ def demo(
     with SimulatedRig(config, TouchModel(finger)) as bench, progress("sliding", slide.time_s.size) as advance:
         record = render_slide(slide, wanted, settings, bench, advance)
     result = score(record)
-    picture = _draw(record, texture, out)
+    picture = out / "friction.png"
+    draw_slide(record, f"{texture} under the {slide.name}", picture)
     payload = {**vars(result), "simulated": True, "surface_hash": file.content_hash, "pictures": [str(picture)]}
     report(as_json, payload, lambda: _show(record, result, slide, texture, picture))
 
@@ -95,14 +92,6 @@ def _require_same_model(path: Path, file: SurfaceFile, description: ModelDescrip
             "Give the surface's model as --model, or build the surface anew: haptic surface build. For a finger that "
             "differs on purpose, name its model in the rig's file: [simulation] model",
         )  # fmt: skip
-
-
-def _draw(record: SlideRecord, texture: str, out: Path) -> Path:
-    from haptic_driver.pictures.friction import draw_slide  # noqa: PLC0415  (matplotlib is slow to import)
-
-    path = out / "friction.png"
-    draw_slide(record, f"{texture} under the {record.slide.name}", path)
-    return path
 
 
 def _show(record: SlideRecord, result: Score, slide: Slide, texture: str, picture: Path) -> None:

@@ -6,32 +6,28 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from rich.table import Table
 from rich.text import Text
+from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
-from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.plan import Setting, write_plan
-from haptic_driver.files import not_written
+from haptic_driver.files import bad_input, writing
 from haptic_driver.surface.models import load_model
 from model.diagnosis.data import read_measurements, together
 from model.diagnosis.report import write_report
 from model.diagnosis.workflow import diagnose as run
-from model.support.errors import ModelError
 from model.touch import SPEED_REFERENCE_M_S
 
 
 def diagnose(
-    data: Annotated[Path, typer.Argument(help="CSV: frequency_hz, voltage_v, normal_force_n, cof, ...")],
+    data: Annotated[Path, Argument(help="CSV: frequency_hz, voltage_v, normal_force_n, cof, ...")],
     model: ModelOption = "reference",
-    out: Annotated[Path, typer.Option("--out", help="Folder for report.html, report.json, model.toml.")] = Path(
-        "diagnosis"
-    ),
+    out: Annotated[Path, Option(help="Folder for report.html, report.json, model.toml.")] = Path("diagnosis"),
     also: Annotated[
-        list[Path] | None, typer.Option("--also", help="More data of the same finger and rig; may be given repeatedly.")
+        list[Path] | None, Option(help="More data of the same finger and rig; may be given repeatedly.")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Of the random draws in tests and folds.", min=0)] = 0,
+    seed: Annotated[int, Option(help="Of the random draws in tests and folds.", min=0)] = 0,
     as_json: Json = False,
 ) -> None:
     """Find where measured friction and the model disagree, name the missing effect, add it, and prove it.
@@ -43,16 +39,12 @@ def diagnose(
     Example: `haptic diagnose data.csv --model reference --out diagnosis`
     """
     description = load_model(model)
-    try:
+    with bad_input("bad_data"):
         measurements = together([(str(path), read_measurements(path)) for path in (data, *(also or ()))])
-    except ModelError as error:
-        raise BadInputError("bad_data", error.message, error.hint) from error
     with status("diagnosing") as tell:
         diagnosis = run(description, measurements, seed, tell)
-    try:
+    with writing(out):
         found = write_report(diagnosis, description, out, ", ".join(path.name for path in (data, *(also or ()))))
-    except OSError as error:
-        raise not_written(out, error) from error
     plan = _write_next_plan(found["next_experiments"], out / "next_plan.toml")
     report(as_json, found | {"next_plan": str(plan) if plan else None}, lambda: _show(found, out, plan))
 

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-import typer
+from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.files import write_rows
+from haptic_driver.pictures import model as pictures
+from haptic_driver.signals import Array
 from haptic_driver.surface.models import load_model
 from model.analysis import spectra
 from model.conditions import Conditions
@@ -39,11 +41,11 @@ class _Asked(NamedTuple):
 
 
 def explore(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the pictures and tables.")] = Path("exploration"),
+    out: Annotated[Path, Option(help="Folder for the pictures and tables.")] = Path("exploration"),
     model: ModelOption = "reference",
-    frequency: Annotated[float, typer.Option("--frequency", help="Hz.", min=1.0, max=1e6)] = 250.0,
-    voltage: Annotated[float, typer.Option("--voltage", help="V peak at the electrode.", min=1.0, max=1e3)] = 75.0,
-    normal_force: Annotated[float, typer.Option("--normal-force", help="N.", min=0.01, max=50.0)] = 0.5,
+    frequency: Annotated[float, Option(help="Hz.", min=1.0, max=1e6)] = 250.0,
+    voltage: Annotated[float, Option(help="V peak at the electrode.", min=1.0, max=1e3)] = 75.0,
+    normal_force: Annotated[float, Option(help="N.", min=0.01, max=50.0)] = 0.5,
     as_json: Json = False,
 ) -> None:
     """Draw the force's spectrum under several drives, the impedance, where force turns steep, and friction.
@@ -71,8 +73,6 @@ def explore(
 
 def _force_spectra(asked: _Asked, picture: Path) -> Rows:
     """Lines of the force of a sine, a biased sine, a square wave and a modulated carrier."""
-    from haptic_driver.pictures.model import draw_force_spectra  # noqa: PLC0415  (matplotlib is slow to import)
-
     f, v = asked.frequency_hz, asked.voltage_v
     carrier = max(f, LOWEST_CARRIER_HZ)
     drives = {
@@ -84,7 +84,7 @@ def _force_spectra(asked: _Asked, picture: Path) -> Rows:
         ),
     }
     found = {name: spectra.force_spectrum(asked.touch, tones, asked.normal_force_n) for name, tones in drives.items()}
-    draw_force_spectra(found, picture)
+    pictures.draw_force_spectra(found, picture)
     return [
         {"drive": name, "frequency_hz": f, "force_n": abs(force), "phase_deg": float(np.degrees(np.angle(force)))}
         for name, spectrum in found.items()
@@ -94,12 +94,10 @@ def _force_spectra(asked: _Asked, picture: Path) -> Rows:
 
 def _impedance(asked: _Asked, picture: Path) -> Rows:
     """Of the sliding finger under the asked and four times the asked load, and stuck or wet."""
-    from haptic_driver.pictures.model import draw_impedance  # noqa: PLC0415
-
     light, heavy = asked.normal_force_n, 4.0 * asked.normal_force_n
     touch = partial(spectra.impedance, asked.touch, IMPEDANCE_HZ)
     found = {f"sliding, {n:g} N": touch(n) for n in (light, heavy)} | {"stuck or wet": touch(light, stuck=True)}
-    draw_impedance(IMPEDANCE_HZ, found, picture)
+    pictures.draw_impedance(IMPEDANCE_HZ, found, picture)
     return [
         {"touch": name, "frequency_hz": f, "resistance_ohm": z.real, "reactance_ohm": z.imag}
         for name, impedance in found.items()
@@ -109,10 +107,8 @@ def _impedance(asked: _Asked, picture: Path) -> Rows:
 
 def _steepness(asked: _Asked, picture: Path) -> Rows:
     """d ln(force)/d ln(voltage), and where the contact pulls in."""
-    from haptic_driver.pictures.model import draw_steepness  # noqa: PLC0415
-
     found = spectra.steepness(asked.touch, STEEP_HZ, STEEP_V, np.array([asked.normal_force_n]))
-    draw_steepness(found, 0, picture)
+    pictures.draw_steepness(found, 0, picture)
     return [
         {"frequency_hz": float(f), "voltage_v": float(v), "exponent": float(found.exponent[i, j, 0])}
         for i, f in enumerate(STEEP_HZ)
@@ -141,7 +137,7 @@ def _friction_over_speed(asked: _Asked, picture: Path) -> Rows:
     return _drawn(curves, SPEEDS_M_S, "speed_m_s", "sliding speed, m/s", at, picture)
 
 
-def _cof(asked: _Asked, **varied: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _cof(asked: _Asked, **varied: Any) -> Array:
     """Friction where one condition varies and the others are as asked."""
     conditions = {"frequency_hz": asked.frequency_hz, "voltage_v": asked.voltage_v} | varied
     conditions = {"normal_force_n": asked.normal_force_n} | conditions
@@ -149,13 +145,10 @@ def _cof(asked: _Asked, **varied: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     return asked.touch.predict(Conditions(**dict(zip(conditions, columns, strict=True)))).cof
 
 
-def _drawn(
-    curves: dict[str, np.ndarray[Any, np.dtype[np.float64]]], x: np.ndarray[Any, np.dtype[np.float64]], column: str,
-    label: str, at: str, picture: Path,
-) -> Rows:  # fmt: skip
-    from haptic_driver.pictures.model import draw_lines  # noqa: PLC0415
-
-    draw_lines({name: (x, cof) for name, cof in curves.items()}, label, f"coefficient of friction, {at}", picture)
+def _drawn(curves: dict[str, Array], x: Array, column: str, label: str, at: str, picture: Path) -> Rows:
+    pictures.draw_lines(
+        {name: (x, cof) for name, cof in curves.items()}, label, f"coefficient of friction, {at}", picture
+    )
     return [
         {"curve": name, column: float(a), "cof": float(b)}
         for name, cof in curves.items()

@@ -5,18 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, progress, report, stdout
 from haptic_driver.recording import read as recording
 
 
 def export(
-    file: Annotated[Path, typer.Argument(help="Recording, HDF5.")],
-    out: Annotated[Path, typer.Option("--out", help="Table to write: .csv or .parquet.")],
-    run: Annotated[str | None, typer.Option("--run", help="Run, e.g. run_0001; the last one by default.")] = None,
-    events: Annotated[bool, typer.Option("--events", help="The events instead of the samples.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite what is there.")] = False,
+    file: Annotated[Path, Argument(help="Recording, HDF5.")],
+    out: Annotated[Path, Option(help="Table to write: .csv or .parquet.")],
+    run: Annotated[str | None, Option(help="Run, e.g. run_0001; the last one by default.")] = None,
+    events: Annotated[bool, Option("--events", help="The events instead of the samples.")] = False,
+    force: Annotated[bool, Option("--force", help="Overwrite what is there.")] = False,
     as_json: Json = False,
 ) -> None:
     """Write a run of a recording as CSV or Parquet, one row per tick.

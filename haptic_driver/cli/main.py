@@ -15,6 +15,7 @@ from typing import Annotated, Any
 
 import typer
 from pydantic import ValidationError
+from typer import Option
 
 from haptic_driver.cli.output import compiling, report_error
 from haptic_driver.errors import BadInputError, HapticError
@@ -81,9 +82,7 @@ def _commit() -> str:
 
 
 def _options(
-    shown: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show version.")
-    ] = False,
+    shown: Annotated[bool, Option("--version", callback=_show_version, is_eager=True, help="Show version.")] = False,
 ) -> None:
     pass
 

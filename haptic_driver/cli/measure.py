@@ -13,13 +13,14 @@ from typing import Annotated, Any
 
 import typer
 from rich.text import Text
+from typer import Option
 
 from haptic_driver.cli.output import (
     SIMULATED,
     Json,
     ModelOption,
     RigOption,
-    names_of,
+    named,
     progress,
     report,
     stderr,
@@ -40,29 +41,21 @@ from haptic_driver.simulation.friction import FrictionLaw, with_hidden
 from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel
 
-PlanOption = Annotated[
-    str, typer.Option("--plan", help="Plan: a name in configs/plans or a path.", autocompletion=names_of("plans"))
-]
 GIVEN = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "time_s")  # what a --hide-function takes
-OutOption = Annotated[Path, typer.Option("--out", help="CSV to write, one row at a time.")]
 
 
 def measure(
-    plan: PlanOption,
-    out: OutOption,
+    plan: Annotated[str, named("plans", "Plan")],
+    out: Annotated[Path, Option(help="CSV to write, one row at a time.")],
     rig: RigOption = "simulated",
     model: ModelOption = "reference",
-    resume: Annotated[bool, typer.Option("--resume", help="Continue a file that was interrupted.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
-    strict: Annotated[bool, typer.Option("--strict", help="Refused points are an error, not skipped.")] = False,
-    seed: Annotated[
-        int | None, typer.Option("--seed", min=0, help="Order and noise; the plan's own if left out.")
-    ] = None,
-    hide: Annotated[Path | None, typer.Option("--hide", help="TOML: effects that the simulated finger has.")] = None,
-    hide_function: Annotated[
-        str | None, typer.Option("--hide-function", help="module:function, the simulated finger's whole friction.")
-    ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="A real rig begins without asking; somebody is there.")] = False,
+    resume: Annotated[bool, Option("--resume", help="Continue a file that was interrupted.")] = False,
+    force: Annotated[bool, Option("--force", help="Overwrite an existing file.")] = False,
+    strict: Annotated[bool, Option("--strict", help="Refused points are an error, not skipped.")] = False,
+    seed: Annotated[int | None, Option(min=0, help="Order and noise; the plan's own if left out.")] = None,
+    hide: Annotated[Path | None, Option(help="TOML: effects that the simulated finger has.")] = None,
+    hide_function: Annotated[str | None, Option(help="module:function, the simulated finger's whole friction.")] = None,
+    yes: Annotated[bool, Option("--yes", help="A real rig begins without asking; somebody is there.")] = False,
     as_json: Json = False,
 ) -> None:
     """Measure friction over a plan's frequencies, voltages, loads and speeds.

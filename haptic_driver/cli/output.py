@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from types import FrameType
 from typing import Annotated, Any
 
-import typer
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -25,23 +26,20 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.text import Text
+from typer import Option
 
 from haptic_driver.config import config_names
 from haptic_driver.errors import HapticError
 
 
-def names_of(kind: str) -> Callable[[], list[str]]:
-    """For shell completion: the names in the config folders of a kind (rigs, models, plans, textures, populations)."""
-    return lambda: config_names(kind)
+def named(kind: str, what: str, declare: Callable[..., Any] = Option) -> Any:
+    """An option or argument for a file by its name in the config folders of a kind (rigs, models, ...) or its path."""
+    return declare(help=f"{what}: a name in configs/{kind} or a path.", autocompletion=lambda: config_names(kind))
 
 
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
-ModelOption = Annotated[
-    str, typer.Option("--model", help="Model: a name in configs/models or a path.", autocompletion=names_of("models"))
-]
-RigOption = Annotated[
-    str, typer.Option("--rig", help="Rig: a name in configs/rigs or a path.", autocompletion=names_of("rigs"))
-]
+Json = Annotated[bool, Option("--json", help="Print one JSON object and nothing else.")]
+ModelOption = Annotated[str, named("models", "Model")]
+RigOption = Annotated[str, named("rigs", "Rig")]
 
 SIMULATED = ("simulated", "bold")  # a part of a `Text`
 
@@ -64,8 +62,7 @@ def report_error(error: HapticError, as_json: bool) -> None:
     if error.hint:
         stderr.print(Text.assemble(("hint:", "bold"), f" {error.hint}"))
     if as_json:
-        content = {"code": error.code, "message": error.message, "hint": error.hint}
-        sys.stdout.write(json.dumps({"error": content}) + "\n")
+        sys.stdout.write(json.dumps({"error": error.content}) + "\n")
 
 
 class Advance:
@@ -107,6 +104,17 @@ def status(what: str) -> Iterator[Callable[[str], None]]:
                 shown.update(f"{what}: {step}")
 
         yield tell
+
+
+@contextmanager
+def signals_to(handler: Callable[[int, FrameType | None], object], *numbers: signal.Signals) -> Iterator[None]:
+    """Meanwhile these signals go to `handler`; afterwards to whom they went before."""
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
 
 
 @contextmanager

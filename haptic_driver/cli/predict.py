@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
+from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, report, stderr, stdout
 from haptic_driver.errors import BadInputError
@@ -29,8 +29,8 @@ MEASURED = "_measured"  # after the name of a column that an answer would replac
 
 
 def predict(
-    table: Annotated[Path, typer.Option("--table", help="CSV: frequency_hz, voltage_v, normal_force_n.")],
-    out: Annotated[Path, typer.Option("--out", help="CSV to write: all columns and the answers.")],
+    table: Annotated[Path, Option(help="CSV: frequency_hz, voltage_v, normal_force_n.")],
+    out: Annotated[Path, Option(help="CSV to write: all columns and the answers.")],
     model: ModelOption = "reference",
     as_json: Json = False,
 ) -> None:
@@ -84,9 +84,8 @@ def _kept(table: Table) -> dict[str, str]:
     kept = {name: name + MEASURED if name in ADDED else name for name in header}
     for column, name in kept.items():
         if name != column and name in header:
-            raise BadInputError(
-                "bad_table", f"{table.path}: has both {column} and {name}", "Keep or rename one of them"
-            )
+            said = f"{table.path}: has both {column} and {name}"
+            raise BadInputError("bad_table", said, "Keep or rename one of them")
     return kept
 
 

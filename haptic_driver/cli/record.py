@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from haptic_driver.cli.control import ask
 from haptic_driver.cli.daemon import SocketOption
@@ -14,8 +14,8 @@ from haptic_driver.errors import BadInputError
 
 
 def record(
-    file: Annotated[Path | None, typer.Argument(help="HDF5 file to write.")] = None,
-    stop: Annotated[bool, typer.Option("--stop", help="End the recording.")] = False,
+    file: Annotated[Path | None, Argument(help="HDF5 file to write.")] = None,
+    stop: Annotated[bool, Option("--stop", help="End the recording.")] = False,
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:

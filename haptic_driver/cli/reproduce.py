@@ -7,17 +7,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-import typer
 from rich.table import Table
+from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
-from haptic_driver.files import not_written
+from haptic_driver.files import writing
 from haptic_driver.surface.models import load_model
 
 
 def reproduce(
-    figure: Annotated[int | None, typer.Option("--figure", min=4, max=8, help="One figure; all when left out.")] = None,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the pictures and tables.")] = Path("reproduction"),
+    figure: Annotated[int | None, Option(min=4, max=8, help="One figure; all when left out.")] = None,
+    out: Annotated[Path, Option(help="Folder for the pictures and tables.")] = Path("reproduction"),
     model: ModelOption = "reference",
     as_json: Json = False,
 ) -> None:
@@ -33,11 +33,8 @@ def reproduce(
 
     description = load_model(model)
     wanted = [*FIGURES] if figure is None else [figure]
-    try:
-        with status("reproducing") as tell:
-            files, facts = run(description, wanted, out, tell)
-    except OSError as error:
-        raise not_written(out, error) from error
+    with writing(out), status("reproducing") as tell:
+        files, facts = run(description, wanted, out, tell)
     payload = {"model": description.name, "files": [str(f) for f in files], "facts": [asdict(f) for f in facts]}
 
     def show() -> None:

@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 from rich.table import Table
+from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import write_rows
+from haptic_driver.pictures.model import draw_sensitivity
 from haptic_driver.surface.models import load_model
 from model.analysis.sensitivity import force_sensitivity
 from model.conditions import Conditions
@@ -20,23 +21,19 @@ FREQUENCIES_HZ = (10.0, 250.0, 1e4)
 
 
 def sensitivity(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the picture and the table.")] = Path("sensitivity"),
+    out: Annotated[Path, Option(help="Folder for the picture and the table.")] = Path("sensitivity"),
     model: ModelOption = "reference",
-    frequency: Annotated[
-        list[float] | None, typer.Option("--frequency", help="Hz; repeatable. Default: 10, 250 and 10000.")
-    ] = None,
-    voltage: Annotated[float, typer.Option("--voltage", help="V peak at the electrode.", min=1.0)] = 75.0,
-    normal_force: Annotated[float, typer.Option("--normal-force", help="N.", min=0.01)] = 0.5,
-    draws: Annotated[int, typer.Option("--draws", help="Per matrix; a power of two.", min=64, max=65536)] = 1024,
-    seed: Annotated[int, typer.Option("--seed", min=0)] = 0,
+    frequency: Annotated[list[float] | None, Option(help="Hz; repeatable. Default: 10, 250 and 10000.")] = None,
+    voltage: Annotated[float, Option(help="V peak at the electrode.", min=1.0)] = 75.0,
+    normal_force: Annotated[float, Option(help="N.", min=0.01)] = 0.5,
+    draws: Annotated[int, Option(help="Per matrix; a power of two.", min=64, max=65536)] = 1024,
+    seed: Annotated[int, Option(min=0)] = 0,
     as_json: Json = False,
 ) -> None:
     """Say how much each uncertain number adds to the spread of the electrostatic force (Sobol indices).
 
     Example: `haptic sensitivity --out sensitivity`
     """
-    from haptic_driver.pictures.model import draw_sensitivity  # noqa: PLC0415  (matplotlib is slow to import)
-
     if draws & (draws - 1):
         raise BadInputError("bad_draws", f"--draws {draws} is not a power of two", "For example 1024")
     at = np.array(frequency or FREQUENCIES_HZ)

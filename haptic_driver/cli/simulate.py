@@ -5,15 +5,13 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 from typing import Annotated
 
-import typer
 from rich.text import Text
+from typer import Option
 
-from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, report, stdout
+from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, report, signals_to, stdout
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.simulation.served import ServedRig
@@ -26,9 +24,7 @@ STEP_S = 0.002
 def simulate(
     rig: RigOption = "simulated",
     model: ModelOption = "reference",
-    port: Annotated[
-        int, typer.Option("--port", min=0, max=65535, help="TCP port of the waveform generator; 0: any free one.")
-    ] = 0,
+    port: Annotated[int, Option(min=0, max=65535, help="TCP port of the waveform generator; 0: any free one.")] = 0,
     as_json: Json = False,
 ) -> None:
     """Serve the simulated instruments of a rig on loopback until interrupted, for any software to talk to.
@@ -42,7 +38,9 @@ def simulate(
     if not config.simulated:
         raise BadInputError("not_simulated", f"rig {config.name} is not simulated", "Name one that is, e.g. simulated")
     touch = TouchModel(load_model(config.simulation.model or model))
-    with _interrupted() as ended, _served(config, touch, port) as served:
+    ended = threading.Event()
+    ending = signals_to(lambda number, frame: ended.set(), signal.SIGINT, signal.SIGTERM)
+    with ending, _served(config, touch, port) as served:
         report(as_json, {"endpoints": served.endpoints}, partial(_show, served.endpoints))
         before_s = time.monotonic()
         while not ended.wait(STEP_S):
@@ -55,26 +53,11 @@ def _served(config: RigConfig, touch: TouchModel, port: int) -> ServedRig:
     try:
         return ServedRig(config, touch, generator_port=port)
     except OSError as error:
-        raise HapticError(
-            "port_taken", f"port {port} cannot be had ({error})", "Choose another --port, or 0"
-        ) from error
+        said = f"port {port} cannot be had ({error})"
+        raise HapticError("port_taken", said, "Choose another --port, or 0") from error
 
 
 def _show(endpoints: dict[str, str]) -> None:
     for name, where in endpoints.items():
         stdout.print(f"{name:26} {where}")
     stdout.print(Text.assemble(SIMULATED, "; Ctrl-C ends it"))
-
-
-@contextmanager
-def _interrupted() -> Iterator[threading.Event]:
-    """Set by SIGINT or SIGTERM, which then end nothing by themselves."""
-    ended = threading.Event()
-    before = {
-        number: signal.signal(number, lambda number, frame: ended.set()) for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield ended
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
+from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError, HapticError, require_range
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
 from haptic_driver.render.safety import violation
@@ -27,15 +27,14 @@ from model.support.errors import nearest
 
 
 def solve(
-    friction: Annotated[float, typer.Option("--friction", help="Target coefficient of friction.")],
-    normal_force: Annotated[float, typer.Option("--normal-force", help="Normal force of the finger, N.")] = 0.5,
-    frequency: Annotated[str, typer.Option("--frequency", help="'auto' or a frequency in Hz.")] = "auto",
+    friction: Annotated[float, Option(help="Target coefficient of friction.")],
+    normal_force: Annotated[float, Option(help="Normal force of the finger, N.")] = 0.5,
+    frequency: Annotated[str, Option(help="'auto' or a frequency in Hz.")] = "auto",
     policy: Annotated[
-        str | None,
-        typer.Option("--policy", help=f"One of {', '.join(POLICIES)}.", autocompletion=lambda: list(POLICIES)),
+        str | None, Option(help=f"One of {', '.join(POLICIES)}.", autocompletion=lambda: list(POLICIES))
     ] = None,
     model: ModelOption = "reference",
-    surface: Annotated[Path | None, typer.Option("--surface", help="Surface file instead of a model.")] = None,
+    surface: Annotated[Path | None, Option(help="Surface file instead of a model.")] = None,
     rig: RigOption = "simulated",
     as_json: Json = False,
 ) -> None:
@@ -45,7 +44,7 @@ def solve(
     """
     config = load_rig(rig)
     limits = config.operating_limits()
-    _check(friction, "friction", 1e-3, 10.0, "")
+    require_range("friction", friction, 1e-3, 10.0)
     fixed_hz = _frequency(frequency)
     chosen = _policy(policy, fixed_hz, config.controller.policy)
     if chosen == "fixed_frequency" and fixed_hz is None and config.controller.fixed_frequency_hz is None:
@@ -57,8 +56,7 @@ def solve(
         description = load_model(model)
         file = build_surface(description, limits)
         interval_at = partial(_interval_at, description)
-    low_n, high_n = float(file.normal_force_n[0]), float(file.normal_force_n[-1])
-    _check(normal_force, "normal force", low_n, high_n, " N")
+    require_range("normal force", normal_force, *file.normal_force_n[[0, -1]].tolist(), unit=" N")
     own = config.controller.model_dump() | {"policy": chosen}
     if fixed_hz is not None:
         own["fixed_frequency_hz"] = fixed_hz
@@ -93,11 +91,8 @@ def _point(controller: Controller, limits: OperatingLimits, friction: float, nor
     _, point = controller.step(INITIAL, TargetFriction(friction, True), finger, NO_COMMAND)
     if not point.reachable:
         low, high = controller.reachable(normal_force_n)
-        raise BadInputError(
-            "unreachable",
-            f"friction {friction:g} cannot be reached at {normal_force_n:g} N by policy {controller.settings.policy}",
-            f"Reachable: {low:.4g} to {high:.4g}",
-        )
+        said = f"friction {friction:g} cannot be reached at {normal_force_n:g} N by policy {controller.settings.policy}"
+        raise BadInputError("unreachable", said, f"Reachable: {low:.4g} to {high:.4g}")
     refused = violation(limits, point)
     if refused is not None:
         raise HapticError("refused", f"the safety gate refuses the point found: {refused}", "Check the rig's limits")
@@ -137,18 +132,10 @@ def _policy(name: str | None, fixed_hz: float | None, default: Policy) -> Policy
     for policy in POLICIES:
         if policy == name:
             if fixed_hz is not None and policy != "fixed_frequency":
-                raise BadInputError(
-                    "bad_policy", f"policy {policy} chooses the frequency itself", "Leave --frequency auto"
-                )
+                said = f"policy {policy} chooses the frequency itself"
+                raise BadInputError("bad_policy", said, "Leave --frequency auto")
             return policy
     raise BadInputError("bad_policy", f"there is no policy '{name}'", nearest(name, list(POLICIES)))
-
-
-def _check(value: float, what: str, low: float, high: float, unit: str) -> None:
-    if not low <= value <= high:
-        raise BadInputError(
-            "out_of_range", f"{what} {value:g}{unit} is out of range", f"Give {low:g} to {high:g}{unit}"
-        )
 
 
 def _electrostatic_force_n(file: SurfaceFile, cof: float, normal_force_n: float) -> float:

@@ -7,24 +7,20 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 from rich.table import Table
+from typer import Argument, Option
 
-from haptic_driver.cli.output import Json, names_of, progress, report, stdout
+from haptic_driver.cli.output import Json, named, progress, report, stdout
+from haptic_driver.pictures.model import draw_study
 
 
 def study(
-    plan: Annotated[
-        str,
-        typer.Argument(help="Study: a name in configs/populations or a path.", autocompletion=names_of("populations")),
-    ],
-    out: Annotated[Path, typer.Option("--out", help="Folder of results; a study stopped there goes on.")] = Path(
-        "study"
-    ),
+    plan: Annotated[str, named("populations", "Study", Argument)],
+    out: Annotated[Path, Option(help="Folder of results; a study stopped there goes on.")] = Path("study"),
     cluster: Annotated[
-        str | None, typer.Option("--cluster", help="Scheduler of a Dask cluster, for example tcp://127.0.0.1:8786.")
+        str | None, Option(help="Scheduler of a Dask cluster, for example tcp://127.0.0.1:8786.")
     ] = None,
-    workers: Annotated[int | None, typer.Option("--workers", help="Processes on this machine.", min=1)] = None,
+    workers: Annotated[int | None, Option(help="Processes on this machine.", min=1)] = None,
     as_json: Json = False,
 ) -> None:
     """Solve a surface for every finger of a study and say how friction, force and reach spread over them.
@@ -35,7 +31,6 @@ def study(
     Example: `haptic study fingers --out study`
     """
     from haptic_driver.experiments.study import load_study, run_study, statistics  # noqa: PLC0415
-    from haptic_driver.pictures.model import draw_study  # noqa: PLC0415  (matplotlib is slow to import)
 
     found = load_study(plan)
     with progress("fingers", found.plan.count) as advance:

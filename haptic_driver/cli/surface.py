@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
 from haptic_driver.rig.config import load_rig
@@ -21,13 +22,13 @@ AXES = SurfaceAxes()
 @app.command()
 def build(
     model: ModelOption = "reference",
-    out: Annotated[Path, typer.Option("--out", help="HDF5 file to write.")] = Path("surface.h5"),
+    out: Annotated[Path, Option(help="HDF5 file to write.")] = Path("surface.h5"),
     rig: RigOption = "simulated",
-    frequency_count: Annotated[int, typer.Option(help="Points along frequency.")] = AXES.frequency_count,
-    voltage_count: Annotated[int, typer.Option(help="Points along voltage.")] = AXES.voltage_count,
-    force_count: Annotated[int, typer.Option(help="Points along normal force.")] = AXES.normal_force_count,
-    voltage_high_v: Annotated[float, typer.Option(help="Highest voltage, V peak.")] = AXES.voltage_high_v,
-    interval: Annotated[bool, typer.Option(help="Store how far friction may be off (about a second).")] = True,
+    frequency_count: Annotated[int, Option(help="Points along frequency.")] = AXES.frequency_count,
+    voltage_count: Annotated[int, Option(help="Points along voltage.")] = AXES.voltage_count,
+    force_count: Annotated[int, Option(help="Points along normal force.")] = AXES.normal_force_count,
+    voltage_high_v: Annotated[float, Option(help="Highest voltage, V peak.")] = AXES.voltage_high_v,
+    interval: Annotated[bool, Option(help="Store how far friction may be off (about a second).")] = True,
     as_json: Json = False,
 ) -> None:
     """Solve the model over frequency, voltage and normal force and write the surface.
@@ -47,9 +48,7 @@ def build(
 
 
 @app.command()
-def info(
-    file: Annotated[Path, typer.Argument(help="Surface file.")] = Path("surface.h5"), as_json: Json = False
-) -> None:
+def info(file: Annotated[Path, Argument(help="Surface file.")] = Path("surface.h5"), as_json: Json = False) -> None:
     """Say what a surface file holds and where it comes from; checks its content hash.
 
     Example: `haptic surface info surface.h5`
@@ -66,9 +65,9 @@ def info(
 
 @app.command()
 def plot(
-    file: Annotated[Path, typer.Argument(help="Surface file.")] = Path("surface.h5"),
-    out: Annotated[Path, typer.Option("--out", help="Picture to write (.png, .pdf or .svg).")] = Path("surface.png"),
-    normal_force: Annotated[float, typer.Option(help="Normal force of the drawn section, N.")] = 0.5,
+    file: Annotated[Path, Argument(help="Surface file.")] = Path("surface.h5"),
+    out: Annotated[Path, Option(help="Picture to write (.png, .pdf or .svg).")] = Path("surface.png"),
+    normal_force: Annotated[float, Option(help="Normal force of the drawn section, N.")] = 0.5,
     as_json: Json = False,
 ) -> None:
     """Draw friction over frequency and voltage, with what the limits forbid.

@@ -8,19 +8,19 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 from rich.text import Text
+from typer import Argument, Option
 
 from haptic_driver.cli import control
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import Json, ModelOption, RigOption, compiling, names_of, report, stdout
+from haptic_driver.cli.output import Json, ModelOption, RigOption, compiling, named, report, stdout
 from haptic_driver.config import texture_dirs
-from haptic_driver.errors import BadInputError
+from haptic_driver.errors import BadInputError, require_range
+from haptic_driver.pictures import textures as pictures
 from haptic_driver.textures.library import load, texture_names
 from haptic_driver.textures.reach import WEBER, Demand, demand
 
 app = typer.Typer(no_args_is_help=True, help="List, draw, check and play textures.")
-Name = Annotated[
-    str, typer.Argument(help="Texture: a name in configs/textures or a path.", autocompletion=names_of("textures"))
-]
+Name = Annotated[str, named("textures", "Texture", Argument)]
 
 
 @app.command("list")
@@ -45,26 +45,24 @@ def list_textures(as_json: Json = False) -> None:
 @app.command()
 def preview(
     name: Name,
-    out: Annotated[Path, typer.Option("--out", help="Picture to write (.png, .pdf or .svg).")] = Path("texture.png"),
+    out: Annotated[Path, Option(help="Picture to write (.png, .pdf or .svg).")] = Path("texture.png"),
     as_json: Json = False,
 ) -> None:
     """Draw a texture in the plane and along a line, or a script over time.
 
     Example: `haptic texture preview linen --out linen.png`
     """
-    from haptic_driver.pictures.textures import preview as draw  # noqa: PLC0415  (matplotlib is slow to import)
-
     loaded = load(name, texture_dirs())
-    draw(loaded.target, out, f"{name}: {loaded.description}" if loaded.description else name)
+    pictures.preview(loaded.target, out, f"{name}: {loaded.description}" if loaded.description else name)
     report(as_json, {"picture": str(out)}, lambda: stdout.print(f"picture: {out}"))
 
 
 @app.command()
 def check(
     name: Name,
-    normal_force: Annotated[float, typer.Option("--normal-force", help="Normal force of the finger, N.")] = 0.5,
+    normal_force: Annotated[float, Option(help="Normal force of the finger, N.")] = 0.5,
     model: ModelOption = "reference",
-    surface: Annotated[Path | None, typer.Option("--surface", help="Surface file instead of a model.")] = None,
+    surface: Annotated[Path | None, Option(help="Surface file instead of a model.")] = None,
     rig: RigOption = "simulated",
     as_json: Json = False,
 ) -> None:
@@ -123,11 +121,7 @@ def _reachable(rig: str, model: str, surface: Path | None, normal_force_n: float
         file = read_surface(surface) if surface is not None else build_surface(load_model(model), limits)
         settings = ControllerSettings(ready_for_lookup(file, limits), **config.controller.model_dump(), limits=limits)
         controller = Controller(settings)
-    low_n, high_n = float(file.normal_force_n[0]), float(file.normal_force_n[-1])
-    if not low_n <= normal_force_n <= high_n:
-        raise BadInputError(
-            "out_of_range", f"normal force {normal_force_n:g} N is out of range", f"Give {low_n:g} to {high_n:g} N"
-        )
+    require_range("normal force", normal_force_n, *file.normal_force_n[[0, -1]].tolist(), unit=" N")
     low, high = controller.reachable(normal_force_n)
     return float(low), float(high)
 

@@ -10,10 +10,10 @@ from collections.abc import Iterable, Sequence
 from contextlib import closing
 from typing import TYPE_CHECKING, Annotated
 
-import typer
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
+from typer import Option
 
 from haptic_driver.cli.control import client_of, number
 from haptic_driver.cli.daemon import SocketOption
@@ -28,7 +28,7 @@ SCALE_STEPS = 10  # per unit of friction: the scale of a line moves in tenths
 
 
 def watch(
-    for_s: Annotated[float | None, typer.Option("--for", min=0.0, help="End after so many seconds.")] = None,
+    for_s: Annotated[float | None, Option("--for", min=0.0, help="End after so many seconds.")] = None,
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
@@ -70,7 +70,8 @@ def picture(history: Sequence[StateFrame]) -> Table:
     """The newest frame, and how friction went over all of them."""
     frame = history[-1]
     status, ticks = frame.status, frame.ticks
-    target, measured = (_friction(history, name) for name in ("target_cof", "measured_cof"))
+    newest = [shown.newest or {} for shown in history]
+    target, measured = ([sample.get(name) for sample in newest] for name in ("target_cof", "measured_cof"))
     known = [value for value in (*target, *measured) if value is not None]
     low = math.floor(min(known, default=0.0) * SCALE_STEPS) / SCALE_STEPS
     high = math.ceil(max(known, default=1.0) * SCALE_STEPS) / SCALE_STEPS
@@ -94,10 +95,6 @@ def sparkline(values: Sequence[float | None], low: float, high: float) -> str:
         " " if value is None else BLOCKS[min(max(int((value - low) / span * len(BLOCKS)), 0), len(BLOCKS) - 1)]
         for value in values
     )
-
-
-def _friction(history: Sequence[StateFrame], name: str) -> list[float | None]:
-    return [None if frame.newest is None else frame.newest[name] for frame in history]
 
 
 def _state(frame: StateFrame) -> Text:

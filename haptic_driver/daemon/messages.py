@@ -181,4 +181,4 @@ class ErrorReport(Checked):
     @classmethod
     def of(cls, error: HapticError) -> ErrorReport:
         """The report of one error."""
-        return cls(error=ErrorContent(code=error.code, message=error.message, hint=error.hint))
+        return cls(error=ErrorContent(**error.content))

@@ -6,33 +6,26 @@ streams on the local network and serves who asks; OSC sends to the one address t
 
 from __future__ import annotations
 
-import importlib
 import json
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.lib.recfunctions import structured_to_unstructured
 from numpy.typing import NDArray
 
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError, optional
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.processes.shared_memory import Ring
 from haptic_driver.recording.event import Event
 
 PERIOD_S = 0.02  # between looks at the ring; OSC sends the newest sample so often
 OSC_FIELDS = (
-    "position_x_m",
-    "position_y_m",
-    "target_cof",
-    "measured_cof",
-    "frequency_hz",
-    "voltage_v",
-    "normal_force_n",
-)
+    "position_x_m", "position_y_m", "target_cof", "measured_cof", "frequency_hz", "voltage_v", "normal_force_n",
+)  # fmt: skip
 
 
 class Outlet(Protocol):
@@ -50,7 +43,7 @@ class LslOutlet:
     """
 
     def __init__(self, rate_hz: float, source: str) -> None:
-        self._lsl = _needed("pylsl", "lsl", "LSL")
+        self._lsl = optional("pylsl", "lsl", "LSL")
         names = SAMPLE.names or ()
         info = self._lsl.StreamInfo("haptic-samples", "Haptics", len(names), rate_hz, "double64", f"{source}-samples")
         channels = info.desc().append_child("channels")
@@ -79,17 +72,15 @@ class OscOutlet:
         host, _, port = address.rpartition(":")
         if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
             raise BadInputError("bad_address", f"{address!r} is no HOST:PORT", "Give for example 127.0.0.1:9000")
-        self._client = _needed("pythonosc.udp_client", "osc", "OSC").SimpleUDPClient(host, int(port))
+        self._client = optional("pythonosc.udp_client", "osc", "OSC").SimpleUDPClient(host, int(port))
 
     def send(self, samples: NDArray[np.void], events: Sequence[Event]) -> None:
         """Send them; what nobody takes is lost."""
         if samples.size:
-            self._send("/haptic/sample", [float(samples[-1][name]) for name in OSC_FIELDS])
+            self._client.send_message("/haptic/sample", [float(samples[-1][name]) for name in OSC_FIELDS])
         for event in events:
-            self._send("/haptic/event", [event.number, event.kind, event.message, json.dumps(event.data)])
-
-    def _send(self, path: str, values: list[Any]) -> None:
-        self._client.send_message(path, values)
+            said = [event.number, event.kind, event.message, json.dumps(event.data)]
+            self._client.send_message("/haptic/event", said)
 
 
 @contextmanager
@@ -101,39 +92,26 @@ def feeding(
 
     The first error of an outlet is told to `failed` and ends that outlet alone.
     """
-    ending = threading.Event()
-    thread = threading.Thread(target=_feed, args=(list(outlets), ring, events_since, failed, ending), name="outlets")
+    ending, running = threading.Event(), list(outlets)
+
+    def feed() -> None:
+        position = ring.position
+        number = max((event.number for event in events_since(0)), default=0)
+        while not ending.wait(PERIOD_S) and running:
+            samples, _, position = ring.read(position)
+            events = events_since(number)
+            number = events[-1].number if events else number
+            for outlet in list(running):
+                try:
+                    outlet.send(samples, events)
+                except (OSError, RuntimeError, ValueError) as error:
+                    running.remove(outlet)
+                    failed(f"{type(outlet).__name__} ended: {error}")
+
+    thread = threading.Thread(target=feed, name="outlets")
     thread.start()
     try:
         yield
     finally:
         ending.set()
         thread.join()
-
-
-def _feed(
-    outlets: list[Outlet], ring: Ring, events_since: Callable[[int], Sequence[Event]], failed: Callable[[str], object],
-    ending: threading.Event,
-) -> None:  # fmt: skip
-    position = ring.position
-    number = max((event.number for event in events_since(0)), default=0)
-    while not ending.wait(PERIOD_S) and outlets:
-        samples, _, position = ring.read(position)
-        events = events_since(number)
-        number = events[-1].number if events else number
-        for outlet in list(outlets):
-            try:
-                outlet.send(samples, events)
-            except (OSError, RuntimeError, ValueError) as error:
-                outlets.remove(outlet)
-                failed(f"{type(outlet).__name__} ended: {error}")
-
-
-def _needed(module: str, extra: str, what: str) -> Any:
-    try:
-        return importlib.import_module(module)
-    except (ImportError, RuntimeError) as error:  # pylsl raises RuntimeError where its library is missing
-        raise HapticError(
-            "missing_package", f"{what} needs a package that is not there ({error})",
-            f"Install it: pip install 'haptic-driver[{extra}]'",
-        ) from error  # fmt: skip

@@ -40,9 +40,8 @@ class Place:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(self._lock)
-            raise HapticError(
-                "already_running", f"a daemon is running at {path}", "use it, end it, or choose another --socket"
-            ) from None
+            said = f"a daemon is running at {path}"
+            raise HapticError("already_running", said, "use it, end it, or choose another --socket") from None
         self.listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             self._listen()
@@ -88,6 +87,5 @@ def _private_folder(folder: Path) -> None:
         raise HapticError("no_folder", f"{folder}: cannot be made ({error})", "choose another --socket") from error
     shared_by_others = owner.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not owner.st_mode & stat.S_ISVTX
     if owner.st_uid not in (os.getuid(), 0) or shared_by_others:
-        raise HapticError(
-            "folder_not_private", f"{folder}: others may write there", f"chmod 700 {folder}, or choose another --socket"
-        )
+        said = f"{folder}: others may write there"
+        raise HapticError("folder_not_private", said, f"chmod 700 {folder}, or choose another --socket")

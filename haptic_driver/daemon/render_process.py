@@ -159,13 +159,10 @@ class Renderer:
         if order.arming != self._arming:
             self._forget(order)
         if order.target != self._target:
-            self._swap(order.target)
+            self._target = order.target
+            target = self._shared.targets.read(order.target) if order.target else Nothing()
+            self._tick_settings = replace(self._settings.tick, texture=target)
         return order, self._shared.sensed.read(), self._shared.driven.read()
-
-    def _swap(self, number: int) -> None:
-        self._target = number
-        target = self._shared.targets.read(number) if number else Nothing()
-        self._tick_settings = replace(self._settings.tick, texture=target)
 
     def _decide(self, due: Due, order: Order, sensed: Sensed, driven: Driven) -> tuple[Kept, Tick, Output]:
         """What to put out; nothing is changed here."""

@@ -99,15 +99,13 @@ class Supervisor:
             raise RefusedError("not_ready", silent, "check the sensors; look at the events")
         config = settings.config
         if open_facts := config.unverified:
-            raise RefusedError(
-                "unverified", f"the file of rig {config.name} leaves open: {'; '.join(open_facts)}",
-                "measure them, write them down with who measured them and when, and start the daemon again",
-            )  # fmt: skip
+            said = f"the file of rig {config.name} leaves open: {'; '.join(open_facts)}"
+            hint = "measure them, write them down with who measured them and when, and start the daemon again"
+            raise RefusedError("unverified", said, hint)
         if not (config.simulated or self.real_time or settings.allow_no_rt):
-            raise RefusedError(
-                "no_real_time", "render was not granted real-time scheduling, and this rig is real",
-                "allow it (LimitRTPRIO, LimitMEMLOCK), or start the daemon with --allow-no-rt",
-            )  # fmt: skip
+            said = "render was not granted real-time scheduling, and this rig is real"
+            hint = "allow it (LimitRTPRIO, LimitMEMLOCK), or start the daemon with --allow-no-rt"
+            raise RefusedError("no_real_time", said, hint)
 
     def watch(self, now_s: float) -> None:
         """Look after everything, often; begins to bring back what is gone. Raises HapticError when the rig trips."""

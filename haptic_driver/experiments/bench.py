@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import exp, sqrt
-from types import TracebackType
 from typing import Protocol, Self
 
 import numpy as np
@@ -133,8 +132,6 @@ class SimulatedBench:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Switch off and stop serving."""
-        self.simulated.__exit__(kind, error, trace)
+        self.simulated.__exit__(None, None, None)

@@ -63,7 +63,7 @@ def check(
         reason = (
             _beyond_generator(setting, config)
             or beyond_stage(setting, plan, config)
-            or _no_equilibrium(cof)
+            or (None if np.isfinite(cof) else "the model predicts that the contact pulls in")
             or violation(limits, point)
         )
         if reason is None:
@@ -81,7 +81,3 @@ def _beyond_generator(setting: Setting, config: RigConfig) -> str | None:
     if setting.voltage_v == 0.0 or low_v <= setting.voltage_v <= high_v:
         return None
     return f"{setting.voltage_v:g} V is outside {low_v:g}..{high_v:g} V, what the generator can make"
-
-
-def _no_equilibrium(cof: float) -> str | None:
-    return None if np.isfinite(cof) else "the model predicts that the contact pulls in"

@@ -15,13 +15,12 @@ import secrets
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self, TextIO
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.average import Measured
 from haptic_driver.experiments.plan import Row
-from haptic_driver.files import not_written, replacing
+from haptic_driver.files import replacing, writing
 
 SETTING_COLUMNS = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "session", "trial")
 COLUMNS = (
@@ -70,14 +69,12 @@ class DataFile:
             raise BadInputError("file_exists", f"{path}: is a folder, not a file", "Name a file in it as --out")
         if path.exists() and not force:
             raise BadInputError("file_exists", f"{path}: exists already", "Give --resume, --force or another --out")
-        try:
+        with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.unlink(missing_ok=True)
             _write_whole(meta_path(path), json.dumps(identity.meta(secrets.token_hex(16)), indent=1) + "\n")
             data = cls(path.open("x", encoding="utf-8", newline=""), identity.simulated)
             data._write(COLUMNS)
-        except OSError as error:
-            raise not_written(path, error) from error
         return data
 
     @classmethod
@@ -111,10 +108,8 @@ class DataFile:
             "measured_normal_force_n": f"{measured.normal_force_n:.6g}",
             "simulated": "true" if self._simulated else "false",
         }
-        try:
+        with writing(Path(self._file.name)):
             self._write([texts[name] for name in COLUMNS])
-        except OSError as error:
-            raise not_written(Path(self._file.name), error) from error
         self.done += 1
         self.last_time_s = measured.time_s
 
@@ -127,9 +122,7 @@ class DataFile:
         """Already open."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close; every row is on the disk already."""
         self._file.close()
 

@@ -5,27 +5,23 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import BeforeValidator, Field, FiniteFloat
+from pydantic import BeforeValidator, Field, FiniteFloat, SkipValidation
 
 from haptic_driver.config import Section, find_config, parse, read_toml
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import not_written, replacing
+from haptic_driver.files import write_text
 from model.conditions import UNDRIVEN_HZ
 
 MOST_ROWS = 100_000
 
 
-def _as_list(value: Any) -> Any:
-    return value if isinstance(value, list) else [value]
-
-
-_SOME = (Field(min_length=1), BeforeValidator(_as_list))  # one number or a list of them
+# One number or a list of them.
+_SOME = (Field(min_length=1), BeforeValidator(lambda value: value if isinstance(value, list) else [value]))
 Frequencies = Annotated[list[Annotated[FiniteFloat, Field(ge=1e-3, le=20e6)]], *_SOME]
 Voltages = Annotated[list[Annotated[FiniteFloat, Field(ge=0.0, le=1000.0)]], *_SOME]
 Loads = Annotated[list[Annotated[FiniteFloat, Field(ge=0.01, le=20.0)]], *_SOME]
@@ -41,16 +37,15 @@ class _Block(Section):
     speed_m_s: Speeds
 
 
-class PlanFile(Section):
-    """A plan as its file says; each of `points` is a block, with the lists of the file for what it does not say."""
+class _Procedure(Section):
+    """How settings are measured. `voltage_off_every` n: a row without voltage before every n rows; 0 for none.
+
+    A row lasts `settle_s`, then `average_s` over which friction is averaged, then `pause_s` with the finger lifted.
+    `load_tolerance` is the share of its load by which a row's mean may miss it.
+    """
 
     name: str
     about: str = ""
-    frequency_hz: Frequencies | None = None
-    voltage_v: Voltages | None = None
-    normal_force_n: Loads | None = None
-    speed_m_s: Speeds | None = None
-    points: Annotated[list[dict[str, Any]], Field(min_length=1)] = [{}]  # noqa: RUF012 - pydantic copies it
     repeats: Annotated[int, Field(ge=1, le=1000)] = 1
     sessions: Annotated[int, Field(ge=1, le=1000)] = 1
     randomise: bool = True
@@ -60,6 +55,16 @@ class PlanFile(Section):
     average_s: Annotated[FiniteFloat, Field(ge=0.25, le=60.0)] = 1.0
     pause_s: Annotated[FiniteFloat, Field(ge=0.0, le=3600.0)] = 1.0
     load_tolerance: Annotated[FiniteFloat, Field(ge=0.01, le=1.0)] = 0.1
+
+
+class PlanFile(_Procedure):
+    """A plan as its file says; each of `points` is a block, with the lists of the file for what it does not say."""
+
+    frequency_hz: Frequencies | None = None
+    voltage_v: Voltages | None = None
+    normal_force_n: Loads | None = None
+    speed_m_s: Speeds | None = None
+    points: Annotated[list[dict[str, Any]], Field(min_length=1)] = [{}]  # noqa: RUF012 - pydantic copies it
 
 
 class Setting(NamedTuple):
@@ -83,26 +88,10 @@ class Row(NamedTuple):
     trial: int
 
 
-@dataclass(frozen=True)
-class Plan:
-    """What to measure. `voltage_off_every` n: a row without voltage before every n rows; 0 for none.
+class Plan(_Procedure):
+    """What to measure, and how."""
 
-    A row lasts `settle_s`, then `average_s` over which friction is averaged, then `pause_s` with the finger lifted.
-    `load_tolerance` is the share of its load by which a row's mean may miss it.
-    """
-
-    name: str
-    about: str
-    settings: tuple[Setting, ...]
-    repeats: int
-    sessions: int
-    randomise: bool
-    seed: int
-    voltage_off_every: int
-    settle_s: float
-    average_s: float
-    pause_s: float
-    load_tolerance: float
+    settings: SkipValidation[tuple[Setting, ...]]
 
     def rows(self, settings: Sequence[Setting], seed: int) -> list[Row]:
         """The order of measurement of `settings`, session by session, the same for the same seed."""
@@ -157,8 +146,4 @@ def write_plan(path: Path, name: str, about: str, settings: Sequence[Setting], r
             "[[points]]",
             *(f"{key} = {value}" for key, value in setting._replace(frequency_hz=frequency_hz)._asdict().items()),
         ]
-    try:
-        with replacing(path) as part:
-            part.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise not_written(path, error) from error
+    write_text(path, "\n".join(lines) + "\n")

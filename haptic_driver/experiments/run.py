@@ -89,10 +89,8 @@ def prepare(config: RigConfig, model: TouchModel, plan: Plan, seed: int | None =
     refusals += [refusal for refusal in refused if refusal.setting in plan.settings]
     permitted = [s for s in plan.settings if s in points or s in without]
     if not permitted:
-        raise BadInputError(
-            "all_refused", f"plan {plan.name}: rig {config.name} refuses every point, first {refusals[0]}",
-            "Choose other points, or another rig",
-        )  # fmt: skip
+        said = f"plan {plan.name}: rig {config.name} refuses every point, first {refusals[0]}"
+        raise BadInputError("all_refused", said, "Choose other points, or another rig")
     seed = plan.seed if seed is None else seed
     rows = tuple(plan.rows(permitted, seed))
     limits = config.operating_limits()
@@ -135,9 +133,8 @@ def _measure_under_its_load(
             return measured
         missed = f"row {number + 1}: the load was {measured.normal_force_n:.3g} N, not {wanted_n:g} N"
         tell(f"{missed}; once more")
-    raise HapticError(
-        "load_missed", f"{missed}, {ATTEMPTS} times", "Hold the load, or raise the plan's load_tolerance; then --resume"
-    )
+    said = f"{missed}, {ATTEMPTS} times"
+    raise HapticError("load_missed", said, "Hold the load, or raise the plan's load_tolerance; then --resume")
 
 
 def measure_row(experiment: Experiment, bench: Bench, number: int, row: Row) -> Measured:
@@ -157,10 +154,8 @@ def measure_row(experiment: Experiment, bench: Bench, number: int, row: Row) -> 
     bench.step(plan.pause_s, 0.0, 0.0)
     measured = average(window[:, 0], window[:, 1], window[:, 2])
     if not measured.valid:
-        raise HapticError(
-            "no_friction", f"row {number + 1}, {setting}: measured {measured}",
-            "Check that the finger slides, and the force sensor's axes: both forces count positive",
-        )  # fmt: skip
+        hint = "Check that the finger slides, and the force sensor's axes: both forces count positive"
+        raise HapticError("no_friction", f"row {number + 1}, {setting}: measured {measured}", hint)
     return measured
 
 
@@ -175,10 +170,8 @@ def _window(bench: Bench, average_s: float, setting: Setting) -> Array:
             raise HapticError("saturated", f"the force sensor is at the end of its range ({reading})", "Lower load")
         readings.append((reading.time_s, reading.lateral_force_n, reading.normal_force_n))
     if len(readings) < LEAST_READINGS:
-        raise HapticError(
-            "too_few_readings", f"only {len(readings)} force readings in {average_s:g} s, {LEAST_READINGS} are needed",
-            "Raise the plan's average_s; is the computer busy?",
-        )  # fmt: skip
+        said = f"only {len(readings)} force readings in {average_s:g} s, {LEAST_READINGS} are needed"
+        raise HapticError("too_few_readings", said, "Raise the plan's average_s; is the computer busy?")
     return np.array(readings)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
-from types import TracebackType
 from typing import Self
 
 from haptic_driver.errors import HapticError
@@ -105,16 +104,14 @@ class StageBench:
         """See `Bench`. HapticError when the stage did not slide at the row's speed all the time."""
         (wanted_m_s, began), ended = self._stroke, self._stage.read_status()
         if not ended.moving:
-            raise HapticError(
-                "stroke_ended", f"the stage came to rest at {1e3 * ended.position_m:.1f} mm before the row was over",
-                "The rig answers too slowly for this plan: is the computer busy? Then --resume",
-            )  # fmt: skip
+            said = f"the stage came to rest at {1e3 * ended.position_m:.1f} mm before the row was over"
+            hint = "The rig answers too slowly for this plan: is the computer busy? Then --resume"
+            raise HapticError("stroke_ended", said, hint)
         speed_m_s = (ended.position_m - began.position_m) / (ended.time_s - began.time_s)
         if abs(speed_m_s - wanted_m_s) > SPEED_TOLERANCE * wanted_m_s:
-            raise HapticError(
-                "stage_slipped", f"the stage slid at {1e3 * speed_m_s:.2f} mm/s, not {1e3 * wanted_m_s:.2f} mm/s",
-                "Free the stage, or look at its scale in the rig's file; then --resume",
-            )  # fmt: skip
+            said = f"the stage slid at {1e3 * speed_m_s:.2f} mm/s, not {1e3 * wanted_m_s:.2f} mm/s"
+            hint = "Free the stage, or look at its scale in the rig's file; then --resume"
+            raise HapticError("stage_slipped", said, hint)
 
     def __enter__(self) -> Self:
         """Open the devices and home the stage."""
@@ -131,9 +128,7 @@ class StageBench:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Switch off, stop the stage, hang up."""
         self._devices.close()
 
@@ -162,9 +157,7 @@ class StageBench:
             if now_s - began_s >= LOAD_STEADY_S and wanted(mean_n):
                 return
             if now_s - began_s > LOAD_WAIT_S:
-                raise HapticError(
-                    "load_missed", f"{what}: the load is {mean_n:.2f} N after {LOAD_WAIT_S:g} s",
-                    "Press as asked, or look at the force sensor's axes and bias; then --resume",
-                )  # fmt: skip
+                hint = "Press as asked, or look at the force sensor's axes and bias; then --resume"
+                raise HapticError("load_missed", f"{what}: the load is {mean_n:.2f} N after {LOAD_WAIT_S:g} s", hint)
             self._tell(f"{what}, now {mean_n:.2f} N")
             time.sleep(LOAD_POLL_S)

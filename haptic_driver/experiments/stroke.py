@@ -28,10 +28,8 @@ class Stroke(NamedTuple):
 def stage_of(config: RigConfig) -> StageConfig:
     """The stage that slides the finger; BadInputError for a rig without one."""
     if config.stage is None:
-        raise BadInputError(
-            "no_stage", f"rig {config.name} has no stage: nothing slides the finger at a known speed",
-            "Add a section [stage] to its file, or measure on a simulated rig",
-        )  # fmt: skip
+        said = f"rig {config.name} has no stage: nothing slides the finger at a known speed"
+        raise BadInputError("no_stage", said, "Add a section [stage] to its file, or measure on a simulated rig")
     return config.stage
 
 

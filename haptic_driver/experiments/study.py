@@ -7,7 +7,6 @@ goes on after the last whole line.
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import json
 import multiprocessing
@@ -26,8 +25,8 @@ import numpy as np
 from pydantic import Field, FiniteFloat
 
 from haptic_driver.config import Checked, find_config, parse, read_toml
-from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.files import replacing
+from haptic_driver.errors import BadInputError, HapticError, optional
+from haptic_driver.files import write_rows, write_text
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.surface import NO_CAPS, invert
@@ -129,7 +128,9 @@ class Study:
         combinations = self.plan.combinations
         finger = task // len(combinations)
         values = self.finger(finger) | combinations[task % len(combinations)]
-        description = _with(self.description, values)
+        own = self.description.parameters
+        changed = {name: replace(own[name], value=value) for name, value in values.items()}
+        description = replace(self.description, parameters=own | changed)
         axes = SurfaceAxes(voltage_high_v=self.limits.voltage_v, **self.plan.surface.model_dump())
         file = build_surface(description, self.limits, axes)
         if out is not None and self.plan.keep_surfaces:
@@ -156,11 +157,6 @@ class Study:
     def frequency_hz(self) -> Array:
         """Where `highest_cof` of a task is given [f]."""
         return SurfaceAxes(frequency_count=self.plan.surface.frequency_count).frequency_hz
-
-
-def _with(description: ModelDescription, values: dict[str, float]) -> ModelDescription:
-    changed = {name: replace(description.parameters[name], value=value) for name, value in values.items()}
-    return replace(description, parameters=description.parameters | changed)
 
 
 def load_study(name_or_path: str) -> Study:
@@ -202,7 +198,7 @@ def run_study(
                 done[found["task"]] = found
                 advance(len(done))
     results = [done[task] for task in range(study.plan.count)]
-    _write_table(results, out / TABLE)
+    write_rows(out / TABLE, [_table_row(found) for found in results])
     return results
 
 
@@ -212,9 +208,8 @@ def _finished(pool: Executor, study: Study, tasks: list[int], out: Path | None) 
         for future in as_completed(futures):
             yield future.result()
     except BrokenProcessPool as error:
-        raise HapticError(
-            "worker_lost", "a worker process died", "Run the same command again: finished tasks are kept"
-        ) from error
+        said = "a worker process died"
+        raise HapticError("worker_lost", said, "Run the same command again: finished tasks are kept") from error
     finally:
         for future in futures:
             future.cancel()
@@ -226,15 +221,13 @@ def _resume(study: Study, path: Path) -> dict[int, dict[str, Any]]:
     whole = path.read_bytes().rpartition(b"\n")[0] if path.exists() else b""
     lines = whole.decode("utf-8", "replace").split("\n") if whole else []
     if lines and lines[0] != head:
-        raise BadInputError(
-            "other_study", f"{path}: holds another study, or the plan or model has changed", "Choose another --out"
-        )
+        said = f"{path}: holds another study, or the plan or model has changed"
+        raise BadInputError("other_study", said, "Choose another --out")
     try:
         done = {found["task"]: found for found in map(json.loads, lines[1:])}
     except (ValueError, TypeError, KeyError) as error:
         raise BadInputError("bad_study", f"{path}: is damaged ({error})", "Remove it to begin again") from error
-    with replacing(path) as part:
-        part.write_text("\n".join([head, *lines[1:], ""]), encoding="utf-8")
+    write_text(path, "\n".join([head, *lines[1:], ""]))
     return done
 
 
@@ -246,30 +239,19 @@ def _executor(cluster: str | None, workers: int | None) -> Iterator[Executor]:
         with ProcessPoolExecutor(workers or min(os.cpu_count() or 1, 8), mp_context=fresh) as pool:
             yield pool
         return
+    distributed = optional("distributed", "cluster", "--cluster")
     try:
-        from distributed import Client  # noqa: PLC0415  (an extra, untyped)
-    except ImportError as error:
-        raise HapticError(
-            "missing_package", "--cluster needs Dask, which is not installed", "pip install 'haptic-driver[cluster]'"
-        ) from error
-    try:
-        client: Any = Client(cluster, timeout=20)  # type: ignore[no-untyped-call]
+        client = distributed.Client(cluster, timeout=20)
     except (OSError, TimeoutError, ValueError) as error:
-        raise HapticError(
-            "no_cluster", f"no Dask scheduler answers at {cluster} ({error})", "For example tcp://127.0.0.1:8786"
-        ) from error
+        said = f"no Dask scheduler answers at {cluster} ({error})"
+        raise HapticError("no_cluster", said, "For example tcp://127.0.0.1:8786") from error
     with client, client.get_executor(pure=False) as pool:
         yield pool
 
 
-def _write_table(results: list[dict[str, Any]], path: Path) -> None:
-    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        names = list(results[0]["values"])
-        writer.writerow(["task", "finger", *names, *NUMBERS])
-        for found in results:
-            numbers = [*(found["values"][n] for n in names), *(found[n] for n in NUMBERS)]
-            writer.writerow([found["task"], found["finger"], *(f"{x:.9g}" for x in numbers)])
+def _table_row(found: dict[str, Any]) -> dict[str, str | float]:
+    numbers = found["values"] | {name: found[name] for name in NUMBERS}
+    return {"task": found["task"], "finger": found["finger"]} | {name: f"{x:.9g}" for name, x in numbers.items()}
 
 
 def statistics(study: Study, results: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -5,19 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-
-import matplotlib as mpl
-
-mpl.use("Agg")
-import matplotlib.pyplot as plt
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import replacing
 
-__all__ = ["plt", "saved"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ENDINGS = (".png", ".pdf", ".svg")
+
+
+def pyplot() -> Any:
+    """Matplotlib without a window. It is slow to import: only who draws waits for it."""
+    import matplotlib as mpl  # noqa: PLC0415
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt  # noqa: PLC0415
+
+    return plt
 
 
 @contextmanager
@@ -26,11 +32,10 @@ def saved(figure: Figure, path: Path, dpi: int = 110) -> Iterator[None]:
     try:
         ending = path.suffix.lower()
         if ending not in ENDINGS:
-            raise BadInputError(
-                "bad_ending", f"{path}: is no name of a picture", f"Give a name that ends in {', '.join(ENDINGS)}"
-            )
+            said = f"{path}: is no name of a picture"
+            raise BadInputError("bad_ending", said, f"Give a name that ends in {', '.join(ENDINGS)}")
         yield
         with replacing(path) as part:
             figure.savefig(part, dpi=dpi, format=ending.removeprefix("."))
     finally:
-        plt.close(figure)
+        pyplot().close(figure)

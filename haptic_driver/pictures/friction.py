@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.pictures.files import plt, saved
+from haptic_driver.pictures.files import pyplot, saved
 from haptic_driver.simulation.slide import WITHIN, SlideRecord
 from haptic_driver.surface.file import SurfaceFile
 
@@ -18,7 +18,7 @@ DPI = 130
 
 def draw_slide(record: SlideRecord, title: str, path: Path) -> None:
     """Target and achieved friction, voltage and frequency over position; one line per stroke."""
-    figure, (friction, voltage, frequency) = plt.subplots(
+    figure, (friction, voltage, frequency) = pyplot().subplots(
         3, 1, figsize=(9, 8), sharex=True, height_ratios=(3, 2, 1), layout="constrained"
     )
     with saved(figure, path, DPI):
@@ -60,14 +60,13 @@ def draw_surface(surface: SurfaceFile, normal_force_n: float, path: Path) -> flo
     """Friction over frequency and voltage at the level nearest to `normal_force_n`, which is returned."""
     low, high = surface.normal_force_n[[0, -1]]
     if not low <= normal_force_n <= high:
-        raise BadInputError(
-            "out_of_range", f"normal force {normal_force_n:g} N is not on the surface", f"Give {low:g} to {high:g} N"
-        )
+        said = f"normal force {normal_force_n:g} N is not on the surface"
+        raise BadInputError("out_of_range", said, f"Give {low:g} to {high:g} N")
     level = int(np.argmin(np.abs(np.log(surface.normal_force_n / normal_force_n))))
     force_n = float(surface.normal_force_n[level])
     cof = np.ma.masked_invalid(surface.cof[:, :, level].T)
     f, v = surface.frequency_hz, surface.voltage_v
-    figure, axes = plt.subplots(figsize=(8.5, 5.5), layout="constrained")
+    figure, axes = pyplot().subplots(figsize=(8.5, 5.5), layout="constrained")
     with saved(figure, path, DPI):
         mesh = axes.pcolormesh(f, v, cof, shading="gouraud", cmap="viridis")
         lines = axes.contour(f, v, cof, levels=10, colors="white", linewidths=0.6)

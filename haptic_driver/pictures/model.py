@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from haptic_driver.pictures.files import plt, saved
+from haptic_driver.pictures.files import pyplot, saved
 from haptic_driver.signals import Array
-from model.analysis.calibration import Calibration
-from model.analysis.sensitivity import Sensitivity
-from model.analysis.spectra import ForceSpectrum, Steepness
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from model.analysis.calibration import Calibration
+    from model.analysis.sensitivity import Sensitivity
+    from model.analysis.spectra import ForceSpectrum, Steepness
 
 MODEL, DATA, QUIET = "#1b6ca8", "#d1495b", "#9aa0a6"
 COLOURS = ("#1b6ca8", "#d1495b", "#e08e0b", "#5b8c5a", "#6a4c93", "#3a3a3a")
@@ -153,7 +156,7 @@ def _words(name: str) -> str:
 @contextmanager
 def _panels(path: Path, rows: int, columns: int, size: tuple[float, float], **how: Any) -> Any:
     """Axes [rows x columns] to draw on; saved at the end of the block."""
-    figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False, **how)
+    figure, axes = pyplot().subplots(rows, columns, figsize=size, layout="constrained", squeeze=False, **how)
     with saved(figure, path):
         for panel in axes.ravel():
             panel.grid(alpha=0.25)

@@ -8,13 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from haptic_driver.pictures.files import plt, saved
+from haptic_driver.pictures.files import pyplot, saved
 from haptic_driver.render.texture import Script, Target, Texture
-from haptic_driver.signals import FingerState
-
-FloatArray = NDArray[np.float64]
+from haptic_driver.signals import Array, FingerState
 
 WINDOWS_M = (0.010, 0.020, 0.040, 0.080)  # widths that a preview may show
 SHOWS_ITSELF = 0.6  # of its friction range, within a quarter of the window
@@ -27,7 +24,7 @@ NOWHERE = "#dddddd"
 
 def preview(target: Target, path: Path, title: str = "") -> None:
     """Draw a texture over the plane and along its middle, or a script over time; .png, .pdf or .svg by the name."""
-    figure, (plane, line) = plt.subplots(2, 1, figsize=(6.4, 5.6), height_ratios=(3, 2), layout="constrained")
+    figure, (plane, line) = pyplot().subplots(2, 1, figsize=(6.4, 5.6), height_ratios=(3, 2), layout="constrained")
     with saved(figure, path):
         mesh = _draw(target, plane, line)
         figure.suptitle(title)
@@ -40,7 +37,7 @@ def preview(target: Target, path: Path, title: str = "") -> None:
 def contact_sheet(targets: Mapping[str, Target], path: Path) -> None:
     """Draw several on one sheet, their names above them."""
     rows = math.ceil(len(targets) / COLUMNS)
-    figure = plt.figure(figsize=(3.1 * COLUMNS, 3.2 * rows), layout="constrained")
+    figure = pyplot().figure(figsize=(3.1 * COLUMNS, 3.2 * rows), layout="constrained")
     with saved(figure, path):
         cells = figure.subfigures(rows, COLUMNS, squeeze=False).ravel()
         for cell, (name, target) in zip(cells, targets.items(), strict=False):
@@ -95,5 +92,5 @@ def _window_m(texture: Texture) -> float:
     return WINDOWS_M[-1]
 
 
-def _centres(length_m: float, count: int) -> FloatArray:
+def _centres(length_m: float, count: int) -> Array:
     return length_m * (np.arange(count) + 0.5) / count

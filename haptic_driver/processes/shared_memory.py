@@ -210,11 +210,8 @@ class TargetStore:
         starts = len(record) + self._HEADER.size + len(sizes)
         total = starts + sum(m.nbytes + 64 for m in maps)
         if total > TARGET_BYTES:
-            raise BadInputError(
-                "texture_too_large",
-                f"the texture takes {total / 1e6:.1f} MB, the most is {TARGET_BYTES / 1e6:.1f} MB",
-                "give it a coarser pitch",
-            )
+            said = f"the texture takes {total / 1e6:.1f} MB, the most is {TARGET_BYTES / 1e6:.1f} MB"
+            raise BadInputError("texture_too_large", said, "give it a coarser pitch")
         place = self._places[number % 2]
         self._HEADER.pack_into(place, 0, len(record), len(maps))
         place[self._HEADER.size : self._HEADER.size + len(sizes)] = sizes
@@ -253,8 +250,9 @@ class SharedState:
     """The memory and what lies in it; `descriptor` is what another process needs to see the same."""
 
     def __init__(self, descriptor: int | None = None) -> None:
-        if descriptor is None:
-            descriptor = _new_memory()
+        if descriptor is None:  # an anonymous file, not inherited by any process that is not given it
+            descriptor = os.memfd_create("haptic-driver", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+            os.ftruncate(descriptor, _TOTAL_BYTES)
         if os.fstat(descriptor).st_size != _TOTAL_BYTES:
             raise HapticError("bad_memory", "the shared memory is of another version", "restart the daemon")
         self.descriptor = descriptor
@@ -277,10 +275,3 @@ class SharedState:
 def practice_slot() -> Slot[Output]:
     """A slot for outputs that nobody reads."""
     return Slot(memoryview(bytearray(SLOT_BYTES)), NO_OUTPUT)
-
-
-def _new_memory() -> int:
-    """An anonymous file in memory, not inherited by any process that is not given it."""
-    descriptor = os.memfd_create("haptic-driver", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
-    os.ftruncate(descriptor, _TOTAL_BYTES)
-    return descriptor

@@ -148,8 +148,7 @@ def main() -> int:
     try:
         writer = RunWriter(settings.path, settings.header)
     except HapticError as error:
-        content = {"code": error.code, "message": error.message, "hint": error.hint}
-        print(json.dumps({"error": content}), flush=True)
+        print(json.dumps({"error": error.content}), flush=True)
         return 1
     print(json.dumps({"recording": str(settings.path)}), flush=True)
     try:

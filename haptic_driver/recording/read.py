@@ -14,7 +14,6 @@
 from __future__ import annotations
 
 import csv
-import importlib
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -27,7 +26,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError, optional
 from haptic_driver.files import exists_already, replacing
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.event import Event
@@ -68,12 +67,6 @@ def read_run(path: Path, name: str | None = None) -> Run:
         return Run(
             group.name.strip("/"), _attributes(group), json.loads(group["config"].asstr()[()]), samples, _events(group)
         )
-
-
-def check_recording(path: Path) -> None:
-    """Raise BadInputError when a file is no recording that this program can read."""
-    with _opened(path):
-        pass
 
 
 def export(
@@ -118,32 +111,25 @@ def _opened(path: Path) -> Iterator[h5py.File]:
     try:
         file = h5py.File(path, "r", locking=False)
     except OSError as error:
-        raise BadInputError(
-            "recording_unreadable",
-            f"{path}: not a readable HDF5 file ({error})",
-            "Give a file that haptic record wrote",
-        ) from error
+        said = f"{path}: not a readable HDF5 file ({error})"
+        raise BadInputError("recording_unreadable", said, "Give a file that haptic record wrote") from error
     with file:
         try:
             _check_format(path, file)
             yield file
         except (KeyError, ValueError, RuntimeError) as error:
-            raise BadInputError(
-                "recording_unreadable", f"{path}: is damaged ({error})", "Look at it with h5dump; use another copy"
-            ) from error
+            hint = "Look at it with h5dump; use another copy"
+            raise BadInputError("recording_unreadable", f"{path}: is damaged ({error})", hint) from error
 
 
 def _check_format(path: Path, file: h5py.File) -> None:
     if file.attrs.get("format") != FORMAT:
-        raise BadInputError(
-            "recording_foreign", f"{path}: is HDF5 but not a recording", "Give a file that haptic record wrote"
-        )
+        said = f"{path}: is HDF5 but not a recording"
+        raise BadInputError("recording_foreign", said, "Give a file that haptic record wrote")
     version = float(file.attrs["format_version"])
     if version != FORMAT_VERSION:
-        raise BadInputError(
-            "recording_version", f"{path}: has format {version:g}, this program reads {FORMAT_VERSION:g}",
-            "Use the version of haptic-driver that wrote it, or a newer one",
-        )  # fmt: skip
+        said = f"{path}: has format {version:g}, this program reads {FORMAT_VERSION:g}"
+        raise BadInputError("recording_version", said, "Use the version of haptic-driver that wrote it, or a newer one")
 
 
 def _names(file: h5py.File) -> list[str]:
@@ -208,12 +194,7 @@ def _cells(column: NDArray[Any]) -> list[Any]:
 
 def _write_parquet(path: Path, fields: Sequence[str], blocks: Blocks, about: dict[str, Any]) -> None:
     """With `about` as JSON under the key `haptic_driver` of the file's metadata."""
-    try:
-        pa, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-    except ImportError as error:
-        raise HapticError(
-            "missing_package", "Parquet needs the package pyarrow", "Install it: pip install 'haptic-driver[parquet]'"
-        ) from error
+    pa, parquet = (optional(module, "parquet", "Parquet") for module in ("pyarrow", "pyarrow.parquet"))
     first = next(blocks)
     metadata = {"haptic_driver": json.dumps(about)}
     schema = pa.table(dict(zip(fields, first, strict=True))).schema.with_metadata(metadata)

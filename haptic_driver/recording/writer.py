@@ -28,7 +28,7 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.processes.shared_memory import Taken
 from haptic_driver.recording.event import Event
-from haptic_driver.recording.read import EVENT_FIELDS, FIELDS, FORMAT, FORMAT_VERSION, check_recording
+from haptic_driver.recording.read import EVENT_FIELDS, FIELDS, FORMAT, FORMAT_VERSION, run_names
 
 INTERVAL_S = 0.5  # between exchanges; what a crash may cost
 CHUNK_ROWS = 4096
@@ -82,12 +82,9 @@ class RunWriter:
         try:
             self._run = self._begin(header)
         except (OSError, RuntimeError) as error:
-            self._tidy()
-            raise BadInputError(
-                "recording_not_made",
-                f"{path}: cannot be written ({self._said(error)})",
-                "Choose a file on a local disk with space",
-            ) from error
+            remove_hidden(self.path)
+            said = f"{path}: cannot be written ({self._said(error)})"
+            raise BadInputError("recording_not_made", said, "Choose a file on a local disk with space") from error
 
     def append(self, chunk: Chunk) -> None:
         """Write one more piece through to the disk."""
@@ -98,14 +95,10 @@ class RunWriter:
     def close(self) -> None:
         """Mark the run as complete and remove the hidden copy."""
         self._write(self._owed, complete=True)
-        self._tidy()
-
-    def abandon(self) -> None:
-        """Leave the visible file as it is and remove the hidden copy."""
-        self._tidy()
+        remove_hidden(self.path)
 
     def _begin(self, header: RunHeader) -> str:
-        self._tidy()
+        remove_hidden(self.path)
         is_new = not self.path.exists()
         if is_new:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -135,11 +128,10 @@ class RunWriter:
             _sync(self._behind)
             self._exchange()
         except (OSError, RuntimeError, KeyError) as error:
-            self._tidy()
-            raise HapticError(
-                "recording_failed", f"{self.path}: recording stopped, what came before is kept ({self._said(error)})",
-                "Make room on the disk, or choose another file, and record again",
-            ) from error  # fmt: skip
+            remove_hidden(self.path)
+            said = f"{self.path}: recording stopped, what came before is kept ({self._said(error)})"
+            hint = "Make room on the disk, or choose another file, and record again"
+            raise HapticError("recording_failed", said, hint) from error
 
     def _exchange(self) -> None:
         """Killed anywhere here, the visible file is the old one or the new one."""
@@ -151,9 +143,6 @@ class RunWriter:
     def _said(self, error: Exception) -> str:
         """What went wrong, without the name of a file that nobody has asked for."""
         return str(error).replace(str(self._behind), str(self.path))
-
-    def _tidy(self) -> None:
-        remove_hidden(self.path)
 
 
 def record(writer: RunWriter, drain: Callable[[], Taken], wait: Callable[[], tuple[Sequence[Event], bool]]) -> None:
@@ -169,7 +158,7 @@ def record(writer: RunWriter, drain: Callable[[], Taken], wait: Callable[[], tup
             writer.append(Chunk(taken.samples, taken.lost, events))
         writer.close()
     except BaseException:
-        writer.abandon()
+        remove_hidden(writer.path)
         raise
 
 
@@ -181,7 +170,7 @@ def checked_path(path: Path) -> Path:
         raise BadInputError("relative_path", f"{path}: the daemon works in another folder", "Give an absolute path")
     resolved = path.resolve()
     if resolved.exists():
-        check_recording(resolved)
+        run_names(resolved)  # reads it
     return resolved
 
 

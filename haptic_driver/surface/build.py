@@ -51,9 +51,8 @@ class SurfaceAxes:
             said = f"highest voltage {self.voltage_high_v:g} V is not in 0..5000 V"
             raise BadInputError("bad_axes", said, "For example 150")
         if not 1e-3 <= self.normal_force_low_n < self.normal_force_high_n <= 50.0:
-            raise BadInputError(
-                "bad_axes", "normal force axis is not rising within 0.001..50 N", "For example 0.1 to 2"
-            )
+            hint = "For example 0.1 to 2"
+            raise BadInputError("bad_axes", "normal force axis is not rising within 0.001..50 N", hint)
         counts = {name: value for name, value in vars(self).items() if name.endswith("_count")}
         for name, count in counts.items():
             if count < 4:

@@ -31,11 +31,8 @@ Seconds = Annotated[float, Field(ge=0.0, le=86_400.0, allow_inf_nan=False)]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
 
 
-def _both_axes(pitch_mm: object) -> object:
-    return pitch_mm if isinstance(pitch_mm, list) else [pitch_mm, pitch_mm]
-
-
-PitchMm = Annotated[list[LengthMm], BeforeValidator(_both_axes), Field(min_length=2, max_length=2)]
+_FOR_BOTH_AXES = BeforeValidator(lambda pitch_mm: pitch_mm if isinstance(pitch_mm, list) else [pitch_mm, pitch_mm])
+PitchMm = Annotated[list[LengthMm], _FOR_BOTH_AXES, Field(min_length=2, max_length=2)]
 FileName = Annotated[str, Field(min_length=1)]
 
 

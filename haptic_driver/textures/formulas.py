@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptic_driver.render.texture import Grating, Placed, Profile, Texture
+from haptic_driver.signals import Array
 from haptic_driver.textures.description import FINEST_MM, GratingDescription, NoiseDescription
-
-FloatArray = NDArray[np.float64]
 
 FINEST_M = FINEST_MM * 1e-3
 PHASE_BITS = 53  # of a float's mantissa
@@ -45,7 +43,7 @@ def _sawtooth(period_m: float, duty: float) -> tuple[list[float], list[float]]:
     return [-0.5 * rise_m, 0.5 * rise_m, period_m - 0.5 * rise_m], [-1.0, 1.0, -1.0]
 
 
-def noise(described: NoiseDescription) -> FloatArray:
+def noise(described: NoiseDescription) -> Array:
     """One tile [rows, columns]: waves of equal height, all those of the band that fit the tile a whole number of times.
 
     Scaled so that the largest deviation from the mean is the amplitude. Phases come straight from the bits of PCG64,
@@ -61,11 +59,11 @@ def noise(described: NoiseDescription) -> FloatArray:
     spectrum = np.zeros((count, count), dtype=complex)
     spectrum[np.ix_(waves, waves)] = np.where(band, np.exp(1j * phases_rad.reshape(band.shape)), 0.0)
     field = np.fft.ifft2(spectrum).real
-    scaled: FloatArray = described.mean_cof + described.amplitude_cof * field / np.abs(field).max()
+    scaled: Array = described.mean_cof + described.amplitude_cof * field / np.abs(field).max()
     return scaled
 
 
-def averaged(values: FloatArray, pitch_x_m: float, pitch_y_m: float) -> tuple[FloatArray, float, float]:
+def averaged(values: Array, pitch_x_m: float, pitch_y_m: float) -> tuple[Array, float, float]:
     """A map whose pixels are at least the finest detail wide, and its pitches: averages over the area, size unchanged.
 
     A finer map would be sampled by the ticks of a sliding finger at pixels picked by chance.
@@ -75,7 +73,7 @@ def averaged(values: FloatArray, pitch_x_m: float, pitch_y_m: float) -> tuple[Fl
     return columns.T, pitch_x_m, pitch_y_m
 
 
-def _averaged_rows(values: FloatArray, pitch_m: float) -> tuple[FloatArray, float]:
+def _averaged_rows(values: Array, pitch_m: float) -> tuple[Array, float]:
     count = len(values)
     fewer = max(1, math.floor(count * pitch_m / FINEST_M * (1.0 + 1e-9)))
     if fewer >= count:

@@ -13,13 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import read_text
+from haptic_driver.signals import Array
 from haptic_driver.textures.description import FINEST_MM
-
-FloatArray = NDArray[np.float64]
 
 MODALITY = "Friction"
 CURVES = ("Linear", "Cubic", "Akima")  # Bezier and Bspline do not pass through their keyframes
@@ -28,7 +26,7 @@ SUPPORTED = "supported: one perception Friction, one channel, one band Curve (Li
 DEFAULT_UNIT_EXPONENT = -3
 
 
-def read(path: Path) -> tuple[FloatArray, FloatArray]:
+def read(path: Path) -> tuple[Array, Array]:
     """Positions in metres, increasing, and amplitudes 0 to 1 of the one friction curve in a .hjif file."""
     if path.suffix.lower() == ".hmpg":
         raise _refused(path, "is a binary .hmpg file", "export the effect as .hjif, which is JSON")
@@ -45,11 +43,8 @@ def read(path: Path) -> tuple[FloatArray, FloatArray]:
     position, amplitude = _keyframes(where, effect)
     amplitude = amplitude * _number(where, channel, "gain", 1.0)
     if not np.all((amplitude >= 0.0) & (amplitude <= 1.0)):
-        raise _refused(
-            where,
-            f"has amplitudes {amplitude.min():.4g} to {amplitude.max():.4g}",
-            "keep amplitude_modulation times gain in 0 to 1",
-        )
+        said = f"has amplitudes {amplitude.min():.4g} to {amplitude.max():.4g}"
+        raise _refused(where, said, "keep amplitude_modulation times gain in 0 to 1")
     unit_m = 10.0 ** _number(where, perception, "unit_exponent", DEFAULT_UNIT_EXPONENT)
     position_m, amplitude = _curve(where, band.get("curve_type", "Cubic"), position * unit_m, amplitude)
     return position_m, np.clip(amplitude, 0.0, 1.0)  # a curve may overshoot its keyframes
@@ -86,12 +81,11 @@ def _refuse_vertices(where: str, channel: dict[str, Any]) -> None:
         raise _refused(where, "is bound to vertices of an avatar", "remove 'vertices': a screen has no mesh")
     direction = channel.get("direction")
     if direction and any(direction.values() if isinstance(direction, dict) else direction):
-        raise _refused(
-            where, "has a direction", "remove 'direction', and give direction_deg in the texture's .toml file instead"
-        )
+        said = "has a direction"
+        raise _refused(where, said, "remove 'direction', and give direction_deg in the texture's .toml file instead")
 
 
-def _keyframes(where: str, effect: dict[str, Any]) -> tuple[FloatArray, FloatArray]:
+def _keyframes(where: str, effect: dict[str, Any]) -> tuple[Array, Array]:
     keyframes = effect.get("keyframes")
     if not isinstance(keyframes, list) or not all(isinstance(k, dict) for k in keyframes):
         raise _refused(where, "has an effect without keyframes", SUPPORTED)
@@ -100,15 +94,12 @@ def _keyframes(where: str, effect: dict[str, Any]) -> tuple[FloatArray, FloatArr
     position = np.array([start + _number(where, k, "relative_position", 0.0) for k in shaped])
     amplitude = np.array([_number(where, k, "amplitude_modulation", 0.0) for k in shaped])
     if len(shaped) < 2 or not np.all(np.diff(position) > 0.0):
-        raise _refused(
-            where,
-            f"has {len(shaped)} keyframes with amplitude_modulation, or their positions do not increase",
-            "give at least two, with rising relative_position",
-        )
+        said = f"has {len(shaped)} keyframes with amplitude_modulation, or their positions do not increase"
+        raise _refused(where, said, "give at least two, with rising relative_position")
     return position, amplitude
 
 
-def _curve(where: str, kind: Any, position_m: FloatArray, amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _curve(where: str, kind: Any, position_m: Array, amplitude: Array) -> tuple[Array, Array]:
     """The keyframes themselves where lines join them, else points of the curve no further apart than 0.1 mm."""
     if kind not in CURVES:
         raise _refused(where, f"has a curve of type {kind}", SUPPORTED)

@@ -51,11 +51,8 @@ def load_texture(name_or_path: str, search: Sequence[Path]) -> Texture:
     loaded = load(name_or_path, search)
     if isinstance(loaded.target, Texture):
         return loaded.target
-    raise BadInputError(
-        "not_a_texture",
-        f"{loaded.path} is a timed script, not a texture",
-        "a script runs by the clock: play it on a daemon, or give one of the textures in it",
-    )
+    hint = "a script runs by the clock: play it on a daemon, or give one of the textures in it"
+    raise BadInputError("not_a_texture", f"{loaded.path} is a timed script, not a texture", hint)
 
 
 def load(name_or_path: str, search: Sequence[Path]) -> Loaded:
@@ -93,14 +90,11 @@ def _load_file(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
     if suffix == ".hmpg":
         hjif.read(path)  # refuses it
     if suffix in EXAMPLES:
-        raise BadInputError(
-            "texture_needs_scale",
-            f"{path} alone does not say which friction{' and which size' if suffix != '.hjif' else ''} it means",
-            f"write a .toml file beside it and give that instead:\n{EXAMPLES[suffix].format(file=path.name)}",
-        )
-    raise BadInputError(
-        "bad_texture", f"{path} is not a texture file", f"give a .toml or .csv file; {_named_hint(path.stem, search)}"
-    )
+        said = f"{path} alone does not say which friction{' and which size' if suffix != '.hjif' else ''} it means"
+        hint = f"write a .toml file beside it and give that instead:\n{EXAMPLES[suffix].format(file=path.name)}"
+        raise BadInputError("texture_needs_scale", said, hint)
+    said = f"{path} is not a texture file"
+    raise BadInputError("bad_texture", said, f"give a .toml or .csv file; {_named_hint(path.stem, search)}")
 
 
 def _load_toml(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
@@ -167,11 +161,8 @@ def _placed(texture: Texture, origin_mm: list[float], rotation_deg: float) -> Te
 def _build_map(described: description.MapDescription, path: Path) -> FrictionMap:
     scale = described.scale()
     if scale is None and path.suffix.lower() == ".png":
-        raise BadInputError(
-            "texture_needs_scale",
-            f"{path} does not say which friction it means without the keys 'cof_black' and 'cof_white'",
-            "add for example: cof_black = 0.55, cof_white = 0.70",
-        )
+        said = f"{path} does not say which friction it means without the keys 'cof_black' and 'cof_white'"
+        raise BadInputError("texture_needs_scale", said, "add for example: cof_black = 0.55, cof_white = 0.70")
     values = files.read_map(path)
     if scale is None:
         files.require_cof(path, values)

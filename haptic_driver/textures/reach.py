@@ -5,12 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from haptic_driver.render.texture import Script, Target, Texture
-from haptic_driver.signals import FingerState
-
-FloatArray = NDArray[np.float64]
+from haptic_driver.signals import Array, FingerState
 
 WEBER = 0.11  # smallest change of friction that is felt, relative; 10.1098/rsif.2017.0641
 SCREEN_M = (0.100, 0.060)  # where nobody says which
@@ -56,7 +53,7 @@ def demand(target: Target, reachable_cof: tuple[float, float], screen_m: tuple[f
     return Demand(low, high, below, above, float(1.0 - asked.mean()), steps, tuple(flags))
 
 
-def target_values(target: Target, screen_m: tuple[float, float]) -> FloatArray:
+def target_values(target: Target, screen_m: tuple[float, float]) -> Array:
     """Friction [y, x] over a screen, or for a script [place, time] over its time at places spread over the screen."""
     if isinstance(target, Script):
         return _script_values(target, screen_m)
@@ -65,13 +62,13 @@ def target_values(target: Target, screen_m: tuple[float, float]) -> FloatArray:
     return target.cof_at(x_m[None, :], y_m[:, None])
 
 
-def screen_grid(points: tuple[int, int], screen_m: tuple[float, float] = SCREEN_M) -> tuple[FloatArray, FloatArray]:
+def screen_grid(points: tuple[int, int], screen_m: tuple[float, float] = SCREEN_M) -> tuple[Array, Array]:
     """So many x and y, spread evenly over a screen: the middles of its cells."""
     x_m, y_m = (s * (np.arange(n) + 0.5) / n for s, n in zip(screen_m, points, strict=True))
     return x_m, y_m
 
 
-def _script_values(script: Script, screen_m: tuple[float, float]) -> FloatArray:
+def _script_values(script: Script, screen_m: tuple[float, float]) -> Array:
     times_s = np.linspace(script.start_s + script.steps[0].time_s, script.end_s, SCRIPT_TIMES, endpoint=False)
     places = np.random.default_rng(1).random((SCRIPT_PLACES, 2)) * screen_m
     return np.array(

@@ -39,9 +39,8 @@ def read(path: Path, load: Callable[[str], Texture], interpolation: Interpolatio
         table = read_table(path, ["time_s"], SCRIPT_HINT)
     for name in table.columns:
         if name not in COLUMNS:
-            raise BadInputError(
-                "bad_script", f"{path}: unknown column '{name}'", did_you_mean(name, list(COLUMNS)) + SCRIPT_HINT
-            )
+            said = f"{path}: unknown column '{name}'"
+            raise BadInputError("bad_script", said, did_you_mean(name, list(COLUMNS)) + SCRIPT_HINT)
     steps = []
     for row, cells in enumerate(table.rows):
         given: dict[str, Any] = {column: text for column, text in cells.items() if text}
@@ -61,9 +60,8 @@ def _script(
         raise BadInputError("bad_script", f"{path}: fewer than two steps", "the last step says when the script ends")
     for (_, before), (where, step) in pairwise(steps):
         if step.time_s <= before.time_s:
-            raise BadInputError(
-                "bad_script", f"{where}: time_s {step.time_s:g} comes after {before.time_s:g}", "sort the steps by time"
-            )
+            said = f"{where}: time_s {step.time_s:g} comes after {before.time_s:g}"
+            raise BadInputError("bad_script", said, "sort the steps by time")
     return Script(
         tuple(
             Step(step.time_s, _texture(where, step, load), step.interpolation or interpolation, step.label)

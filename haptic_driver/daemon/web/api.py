@@ -144,7 +144,8 @@ def _answer_errors(app: FastAPI) -> None:
 
     @app.exception_handler(HapticError)
     async def refused(request: Request, error: HapticError) -> JSONResponse:
-        return refusal(_status_of(error), error)
+        status = 422 if isinstance(error, BadInputError) else 403 if error.code == "not_yours" else 409
+        return refusal(status, error)
 
     @app.exception_handler(RequestValidationError)
     async def invalid(request: Request, error: RequestValidationError) -> JSONResponse:
@@ -164,9 +165,3 @@ def _answer_errors(app: FastAPI) -> None:
     @app.exception_handler(Exception)
     async def failed(request: Request, error: Exception) -> JSONResponse:
         return refusal(500, HapticError("internal", f"{type(error).__name__}: {error}", "a fault of the program"))
-
-
-def _status_of(error: HapticError) -> int:
-    if isinstance(error, BadInputError):
-        return 422
-    return 403 if error.code == "not_yours" else 409

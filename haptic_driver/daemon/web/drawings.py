@@ -34,16 +34,14 @@ def surface_map(surface: SurfaceFile) -> dict[str, Any]:
 def texture_map(target: Target | None, now_s: float) -> dict[str, Any]:
     """`x_m`, `y_m` and the friction `cof` [y][x] asked for on the screen; of a script, of its step at `now_s`."""
     x_m, y_m = screen_grid(SCREEN_POINTS)
-    texture = _present_texture(target, now_s) if isinstance(target, Script) else target
+    texture: object = target
+    if isinstance(target, Script):
+        begun = [step.texture for step in target.steps if target.start_s + step.time_s <= now_s]
+        texture = begun[-1] if begun else None
     cof = np.full((y_m.size, x_m.size), math.nan)
     if isinstance(texture, Texture):
         cof = texture.cof_at(x_m[None, :], y_m[:, None])
     return {"x_m": x_m.tolist(), "y_m": y_m.tolist(), "cof": _without_nan(cof)}
-
-
-def _present_texture(script: Script, now_s: float) -> Texture | None:
-    present = [step.texture for step in script.steps if script.start_s + step.time_s <= now_s]
-    return present[-1] if present else None
 
 
 def _without_nan(values: NDArray[np.float64]) -> list[list[float | None]]:

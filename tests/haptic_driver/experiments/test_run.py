@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,8 @@ def small_plan(**changes: Any) -> Plan:
     frequencies = {100.0, 250.0, 10e3, 1e6}
     settings = [s for s in plan.settings if s.frequency_hz in frequencies]
     settings += [s._replace(normal_force_n=1.0, speed_m_s=0.05) for s in settings]
-    return replace(plan, settings=tuple(settings), repeats=2, sessions=2, voltage_off_every=3, **changes)
+    small = {"settings": tuple(settings), "repeats": 2, "sessions": 2, "voltage_off_every": 3}
+    return plan.model_copy(update=small | changes)
 
 
 def hiding(config: RigConfig, hide: dict[str, dict[str, float]]) -> RigConfig:
@@ -92,7 +92,7 @@ def test_data_have_the_contracts_columns_and_units(config: RigConfig, model: Tou
 def test_friction_agrees_with_the_model_within_its_stated_error(
     config: RigConfig, model: TouchModel, tmp_path: Path
 ) -> None:
-    plan = replace(load_plan("voltage_frequency"), repeats=1)
+    plan = load_plan("voltage_frequency").model_copy(update={"repeats": 1})
     measured(prepare(config, model, plan), tmp_path / "data.csv", SAME_FINGER)
     z = residuals(tmp_path / "data.csv", model)
     assert 0.6 < np.mean(z**2) < 1.6
@@ -102,7 +102,7 @@ def test_friction_agrees_with_the_model_within_its_stated_error(
 
 
 def test_sessions_differ_by_one_factor(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
-    plan = replace(load_plan("voltage_frequency"), repeats=1, sessions=4)
+    plan = load_plan("voltage_frequency").model_copy(update={"repeats": 1, "sessions": 4})
     measured(prepare(config, model, plan), tmp_path / "data.csv")
     data = read_measurements(tmp_path / "data.csv")
     ratio = data.columns["cof"] / model.predict(data.conditions()).cof
@@ -119,8 +119,8 @@ def test_refused_points_are_reported_with_reasons_and_never_energised(
     limits = config.limits.model_copy(update={"voltage_v": 80.0})
     config = config.model_copy(update={"limits": limits})
     plan = small_plan()
-    plan = replace(plan, settings=(*plan.settings, plan.settings[0]._replace(voltage_v=120.0, frequency_hz=60.0)))
-    plan = replace(plan, settings=(*plan.settings, plan.settings[0]._replace(voltage_v=0.5, frequency_hz=60.0)))
+    beyond = tuple(plan.settings[0]._replace(voltage_v=v, frequency_hz=60.0) for v in (120.0, 0.5))
+    plan = plan.model_copy(update={"settings": plan.settings + beyond})
     experiment = prepare(config, model, plan)
     reasons = {(r.setting.frequency_hz, r.setting.voltage_v): r.reason for r in experiment.refusals}
     assert len(experiment.refusals) == 6
@@ -142,14 +142,15 @@ def test_refusals_are_told_in_a_line_for_each_frequency_voltage_and_reason() -> 
 
 def test_a_plan_refused_throughout_is_an_error(config: RigConfig, model: TouchModel) -> None:
     plan = small_plan()
-    refused = replace(plan, settings=tuple(s for s in plan.settings if s.frequency_hz > 1e3))
+    refused = plan.model_copy(update={"settings": tuple(s for s in plan.settings if s.frequency_hz > 1e3)})
     with pytest.raises(BadInputError, match="refuses every point"):
         prepare(config, model, refused)
 
 
 def test_a_plan_without_voltage_energises_nothing(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
     plan = small_plan()
-    plan = replace(plan, settings=(plan.settings[0].without_voltage(),), repeats=4, voltage_off_every=0)
+    resting = (plan.settings[0].without_voltage(),)
+    plan = plan.model_copy(update={"settings": resting, "repeats": 4, "voltage_off_every": 0})
     bench = measured(prepare(config, model, plan), tmp_path / "data.csv")
     assert len(table(tmp_path / "data.csv")) == 8
     assert bench.simulated.amplifier.max_voltage_v == 0.0
@@ -431,7 +432,7 @@ def test_the_output_is_held_through_settling_and_averaging(
     config: RigConfig, model: TouchModel, tmp_path: Path
 ) -> None:
     """Settling and averaging take longer than the lease; each step refreshes it, on the clock that commands."""
-    experiment = prepare(config, model, replace(small_plan(), sessions=1, repeats=1, settle_s=1.0, average_s=0.5))
+    experiment = prepare(config, model, small_plan(sessions=1, repeats=1, settle_s=1.0, average_s=0.5))
     bench = measured(experiment, tmp_path / "held.csv")
     on = sum(row.setting.voltage_v > 0.0 for row in experiment.rows)
     assert on > 0

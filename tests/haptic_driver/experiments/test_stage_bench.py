@@ -52,8 +52,10 @@ def real(config: RigConfig, served: ServedRig) -> RigConfig:
 
 
 def plan(*settings: Setting, **changes: Any) -> Plan:
-    short = Plan("short", "", settings, 1, 1, False, 1, 1, 0.2, 0.5, 0.0, 0.1)
-    return replace(short, **changes)
+    short = Plan(
+        name="short", settings=settings, randomise=False, voltage_off_every=1, settle_s=0.2, average_s=0.5, pause_s=0.0
+    )
+    return short.model_copy(update=changes)
 
 
 def measured(real: RigConfig, model: TouchModel, given: Plan, out: Path, tell: Callable[[str], None]) -> DataFile:

@@ -1,7 +1,6 @@
 """The diagnosis closed: measure a rig with a hidden effect, name it, rebuild the surface, render again.
 
-`python -m haptic_driver.cli.demo_diagnosis --out DIR` runs the commands a lab would run and draws friction before
-and after.
+`python examples/demo_diagnosis.py --out DIR` runs the commands a lab would run and draws friction before and after.
 """
 
 from __future__ import annotations
