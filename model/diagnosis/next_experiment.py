@@ -23,8 +23,8 @@ from model.diagnosis.naming import NONE, Candidate, imitation, words
 from model.diagnosis.noise import SESSION_GAIN_STD
 from model.diagnosis.space import Predictor
 from model.diagnosis.verdict import ALIKE
-from model.diagnosis.where import ALARM
-from model.diagnosis.workflow import Diagnosis
+from model.diagnosis.where import Disagreement
+from model.diagnosis.workflow import Diagnosis, Findings
 from model.support.arrays import Array
 
 REPEATS = 5  # readings at each proposed setting
@@ -64,25 +64,25 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: 
     (refitted, not extrapolated); `lambda_enough` makes a name. Without an explanation, the settings repeat where data
     and model disagree most.
     """
-    problem, verdict, weighed = diagnosis.problem, diagnosis.verdict, diagnosis.weighed
-    if problem is None or verdict is None or weighed is None:
+    findings = diagnosis.findings
+    if findings is None:
         return []
-    enough = weighed.apart
     if diagnosis.name == "unexplained":
-        return _repeats(diagnosis, most)
-    leaders = _leaders(diagnosis)
+        return _repeats(diagnosis.data, findings.before, most)
+    leaders = _leaders(findings)
     if len(leaders) < 2:
         return []
+    problem, enough = findings.problem, findings.weighed.apart
     settings = _settings(diagnosis.data, [c for c, _ in leaders])
     outlooks, usable = _outlooks(description, settings, leaders)
     settings = settings.subset(usable)
-    noise = float(np.median(problem.noise.relative_std)) * float(np.sqrt(verdict.chosen.fit.scale2))
+    noise = float(np.median(problem.noise.relative_std)) * float(np.sqrt(findings.verdict.chosen.fit.scale2))
     picked, gains = _greedy(_pairs(outlooks), noise, most if usable.any() else 0, enough)
     first, second = leaders[0][0], leaders[1][0]
     now = after = _separation(problem, first, second)
     if picked:
         chosen = settings.subset(np.isin(np.arange(settings.count), picked))
-        after = _separation(_extended(diagnosis, description, problem, chosen), first, second)
+        after = _separation(_extended(diagnosis.data, description, problem, chosen), first, second)
     common = {
         "purpose": f"tells {words(first.name)} from {words(second.name)}",
         "separates": [first.name, second.name],
@@ -98,11 +98,10 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: 
     ]
 
 
-def _repeats(diagnosis: Diagnosis, most: int) -> list[dict[str, Any]]:
+def _repeats(data: Measurements, scan: Disagreement, most: int) -> list[dict[str, Any]]:
     """One measured setting from the middle of each region that disagrees, strongest first."""
-    data, regions = diagnosis.data, () if diagnosis.before is None else diagnosis.before.regions
     found: list[dict[str, Any]] = []
-    for region in [r for r in regions if r.p_value < ALARM][:most]:
+    for region in scan.certain[:most]:
         inside = np.ones(data.count, bool)
         for axis, low, high in zip(region.axes, region.low, region.high, strict=True):
             inside &= (data.columns[axis] >= low) & (data.columns[axis] <= high)
@@ -122,11 +121,9 @@ def _repeats(diagnosis: Diagnosis, most: int) -> list[dict[str, Any]]:
     return found
 
 
-def _leaders(diagnosis: Diagnosis) -> list[tuple[Candidate, float]]:
+def _leaders(findings: Findings) -> list[tuple[Candidate, float]]:
     """The models to tell apart with their probabilities: the chosen, what it is confused with, then the likeliest."""
-    verdict, weighed = diagnosis.verdict, diagnosis.weighed
-    if verdict is None or weighed is None:
-        return []
+    verdict, weighed = findings.verdict, findings.weighed
     alike = {name for names in verdict.group.values() for name in names}
     fitted = [c for c in (weighed.base, *weighed.singles) if c.kinds != verdict.chosen.kinds]
     fitted.sort(key=lambda c: (c.name not in alike, -verdict.probabilities[c.name]))
@@ -244,10 +241,9 @@ def _separation(problem: Problem, first: Candidate, second: Candidate) -> float:
     return min(both) / first.fit.scale2
 
 
-def _extended(diagnosis: Diagnosis, description: ModelDescription, problem: Problem, chosen: Measurements) -> Problem:
+def _extended(data: Measurements, description: ModelDescription, problem: Problem, chosen: Measurements) -> Problem:
     """The data's problem with the chosen settings measured, `REPEATS` times each, in a new session."""
-    data, noise = diagnosis.data, problem.noise
-    count = chosen.count
+    noise, count = problem.noise, chosen.count
     both = {
         name: np.concatenate([values, chosen.columns.get(name, np.full(count, _usual(name, values)))])
         for name, values in data.columns.items()

@@ -53,6 +53,24 @@ class Verdict:
     group: dict[str, list[str]]
     reasons: tuple[str, ...]
 
+    @property
+    def is_named(self) -> bool:
+        """Whether it names effects, which the corrected model then carries."""
+        return self.verdict in ("effect_found", "ambiguous")
+
+    @property
+    def suspects(self) -> list[str]:
+        """The named effects, and what is not told apart from them."""
+        kinds = self.chosen.kinds if self.is_named else ()
+        return list(dict.fromkeys(name for kind in kinds for name in (kind.name, *self.group.get(kind.name, []))))
+
+    @property
+    def probability(self) -> float:
+        """Probability of what it says: its effects and what is not told apart from them, none, or unknown."""
+        if self.is_named:
+            return min(1.0, float(sum(self.probabilities.get(name, 0.0) for name in self.suspects)))
+        return float(self.probabilities[NONE if self.verdict == "no_discrepancy" else UNKNOWN])
+
 
 @dataclass(frozen=True)
 class Weighed:

@@ -57,8 +57,13 @@ class Disagreement:
 
     @property
     def alarm(self) -> bool:
-        """Whether some region disagrees beyond chance."""
+        """Whether the strongest region disagrees beyond chance."""
         return bool(self.regions and self.regions[0].p_value < ALARM)
+
+    @property
+    def certain(self) -> list[Region]:
+        """The regions that disagree beyond chance, strongest first."""
+        return [region for region in self.regions if region.p_value < ALARM]
 
 
 def disagreement(data: Measurements, noise: Noise, fit: Fit, seed: int) -> Disagreement:

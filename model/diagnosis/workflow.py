@@ -32,25 +32,31 @@ LEADERS = 4  # rivals that take part in the held-out proof
 
 
 @dataclass(frozen=True)
+class Findings:
+    """What was fitted and what it says; `before` scans the base model's residuals, `after` the chosen one's."""
+
+    problem: Problem
+    weighed: Weighed
+    verdict: Verdict
+    before: Disagreement
+    after: Disagreement
+    proof: Proof
+
+
+@dataclass(frozen=True)
 class Diagnosis:
-    """Everything that one run found; `after` is the scan of the chosen model's residuals."""
+    """Everything that one run found; without `findings` nothing could be tested, and `warnings` say why."""
 
     data: Measurements
     noise: Noise | None
-    verdict: Verdict | None
-    weighed: Weighed | None
-    before: Disagreement | None
-    after: Disagreement | None
-    proof: Proof | None
-    problem: Problem | None
-    discrepancy: list[Array] | None
+    findings: Findings | None
     warnings: tuple[str, ...]
     seed: int
 
     @property
     def name(self) -> str:
         """The verdict's name."""
-        return "not_testable" if self.verdict is None else self.verdict.verdict
+        return "not_testable" if self.findings is None else self.findings.verdict.verdict
 
 
 def diagnose(
@@ -62,7 +68,7 @@ def diagnose(
     kinds = testable_effects(data, description.effects)
     blocked = _blocked(data, noise, kinds)
     if noise is None or blocked:
-        return Diagnosis(data, noise, None, None, None, None, None, None, None, (blocked,), seed)
+        return Diagnosis(data, noise, None, (blocked,), seed)
     progress("base model")
     setting = _base(description, data, noise, warnings)
     untestable = [kind.name for kind in CATALOGUE if kind not in kinds]
@@ -80,9 +86,8 @@ def diagnose(
     scale = verdict.chosen.beside_discrepancy.scale
     proof = prove(description, data, noise, verdict.chosen, leaders, scale, seed, progress)
     warnings += _nuisance_warnings(verdict.chosen)
-    return Diagnosis(
-        data, noise, verdict, weighed, before, scan(verdict.chosen), proof, problem, discrepancy, tuple(warnings), seed
-    )
+    findings = Findings(problem, weighed, verdict, before, scan(verdict.chosen), proof)
+    return Diagnosis(data, noise, findings, tuple(warnings), seed)
 
 
 def _blocked(data: Measurements, noise: Noise | None, kinds: list[type[Effect]]) -> str:

@@ -11,7 +11,7 @@ import pytest
 
 from model.conditions import Conditions
 from model.contact.gap_distribution import gap_distribution
-from model.contact.gap_table import gap_integrals
+from model.contact.gap_table import gap_mass, integrals_of
 from model.electric.charges import coefficients, constant_layers, fields
 from model.electric.dielectrics import EPS0
 
@@ -65,7 +65,7 @@ def test_wide_gaps_are_a_plate_capacitor(models, scales_of) -> None:
     """A stack far thicker than the roughness sees the mean gap only: K -> 1/z^2."""
     model = models["reference"]
     z = 1e3 * np.ones(1, complex)  # in h_rms
-    k_hat, _ = gap_integrals(model.table.shape, 5e3 / scales_of(model).pressure_pa, z)
+    k_hat, _ = integrals_of(gap_mass(model.table.shape, 5e3 / scales_of(model).pressure_pa), z)
     gap = gap_distribution(model.table.shape, 5e3 / scales_of(model).pressure_pa)
     expected = (1.0 - gap.area_ratio) / (1e3 + gap.mean_gap) ** 2
     assert k_hat[0] == pytest.approx(expected, rel=3e-4)  # mass 2e-4, mean 1 % of 2e-3, spread (1/1e3)^2

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from model.contact.gap_table import gap_integrals, gap_mass, gap_nodes
+from model.contact.gap_table import gap_mass, gap_nodes, integrals_of
 from model.electric.charges import Layers, coefficients, constant_layers, fields, simulate
 from model.electric.closed_forms import closed_form
 from model.electric.dielectrics import EPS0
@@ -324,7 +324,9 @@ class TestPressure:
         model, layers = models["reference"], layers_of()
         scales = scales_of(model)
         z = 1e-6 / 3.9 + 200e-6 * EPS0 / layers.skin_permittivity_f_per_m
-        k_hat, _ = gap_integrals(model.table.shape, 6e3 / scales.pressure_pa, np.array([z / scales.length_m], complex))
+        k_hat, _ = integrals_of(
+            gap_mass(model.table.shape, 6e3 / scales.pressure_pa), np.array([z / scales.length_m], complex)
+        )
         got = mean_pressure_pa(model, layers, 6e3, np.array([0.0]), np.array([KEY_V]))
         expected = 0.5 * EPS0 * KEY_V**2 * k_hat[0] / scales.length_m**2
         assert got[0] == pytest.approx(expected, rel=1e-12)  # the same rule on the same nodes
