@@ -179,7 +179,7 @@ def test_constants_that_follow_the_drive_break_superposition(models) -> None:
     gap = np.array([66.6e-6])
 
     def charge(volt: np.ndarray, at_hz: float) -> np.ndarray:
-        return simulate(constant_layers(d.values, d.dielectric, at_hz), gap, time, volt).rho2_c_per_m2[:, 0]
+        return simulate(constant_layers(d.values, d.dielectric, at_hz), gap, time, volt)[1][:, 0]
 
     one_system = charge(low, 250.0) + charge(high, 250.0)
     np.testing.assert_allclose(charge(low + high, 250.0), one_system, rtol=1e-9, atol=1e-9 * np.abs(one_system).max())
