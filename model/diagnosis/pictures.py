@@ -14,6 +14,7 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.naming import NONE, UNKNOWN, Candidate, words
 from model.diagnosis.noise import SESSION_GAIN_STD
+from model.diagnosis.rival import LOG_INPUTS
 from model.diagnosis.verdict import SURE
 from model.diagnosis.where import Region
 from model.diagnosis.workflow import Diagnosis, Findings
@@ -37,7 +38,6 @@ AXES = {
     "time_s": "time, s",
     "voltage_offset_v": "bias, V",
 }
-LOGARITHMIC = ("frequency_hz", "normal_force_n", "speed_m_s")
 DRIVEN_ONLY = ("frequency_hz",)
 MOST_CELLS, MOST_RANGES = 12, 8  # along one side of a map: levels, or ranges where there are more levels
 MOST_BARS = 8
@@ -267,7 +267,7 @@ def _profile(
         line = [change[cell == i].mean() for i in cells]
         ax.plot(at, line, "-" if i == 0 else "--", color=colour, lw=2.4 - 0.5 * i, label=label)
     ax.errorbar(at, mean, bar, fmt="o", ms=5, color=DATA, capsize=2.5, lw=1.2, label="measured, ± noise")
-    if name in LOGARITHMIC and at.min() > 0.0:
+    if name in LOG_INPUTS and at.min() > 0.0:
         ax.set_xscale("log")
         if at.max() < 30.0 * at.min():
             ax.set_xticks(at, [f"{v:.3g}" for v in at])

@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Problem
-from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN, Candidate, fit_candidates, imitation
+from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN, Candidate, fit_candidates, separation
 from model.diagnosis.rival import discrepancy_mean
 from model.diagnosis.where import Disagreement
 from model.support.arrays import Array
@@ -136,10 +136,7 @@ def confusion(problem: Problem, winner: Candidate, rivals: list[Candidate]) -> d
     """min(lambda_ij, lambda_ji) of the winner with each rival that comes near it in evidence."""
     best = winner.alone.log_evidence
     near = [c for c in rivals if c is not winner and best - c.alone.log_evidence < NEAR_NATS]
-    return {
-        c.name: min(imitation(problem, winner.fit, c), imitation(problem, c.fit, winner)) / winner.fit.scale2
-        for c in near
-    }
+    return {c.name: separation(problem, winner, c) for c in near}
 
 
 def decide(

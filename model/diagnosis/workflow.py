@@ -73,7 +73,8 @@ def diagnose(
     setting = _base(description, data, noise, warnings)
     untestable = [kind.name for kind in CATALOGUE if kind not in kinds]
     setting, singles = _fit_singles(description, setting, kinds, warnings, progress)
-    data, noise, problem, discrepancy, base = setting
+    data, problem, discrepancy, base = setting
+    noise = problem.noise
     warnings += noise.warnings
     before = disagreement(data, noise, base.fit, seed)
     weighed = Weighed(base, singles, untestable)
@@ -106,7 +107,6 @@ class _Setting(NamedTuple):
     """What the candidates are fitted to, with the base model's fit."""
 
     data: Measurements
-    noise: Noise
     problem: Problem
     discrepancy: list[Array]
     base: Candidate
@@ -115,7 +115,7 @@ class _Setting(NamedTuple):
 def _setting(description: ModelDescription, data: Measurements, noise: Noise, start: Array) -> _Setting:
     problem = Problem(Predictor(description, data), np.log(data.columns["cof"]), noise)
     discrepancy = features(data, noise)
-    return _Setting(data, noise, problem, discrepancy, candidate(problem, discrepancy, (), problem.fit((), start)))
+    return _Setting(data, problem, discrepancy, candidate(problem, discrepancy, (), problem.fit((), start)))
 
 
 def _left(setting: _Setting) -> Array:
@@ -136,9 +136,9 @@ def _fit_singles(
         return fit_candidates(s.problem, s.discrepancy, s.base.fit, [(kind,) for kind in kinds], progress)
 
     def weight(s: _Setting, fits: list[Candidate]) -> float:
-        return max(c.alone.log_evidence for c in fits) - s.noise.log_determinant
+        return max(c.alone.log_evidence for c in fits) - s.problem.noise.log_determinant
 
-    data, noise = setting.data, setting.noise
+    data, noise = setting.data, setting.problem.noise
     chosen, why = setting, ""
     split = split_sessions(data, noise, setting.base.fit, setting.discrepancy[-1])
     if unlike := unlike_sessions(data, _left(setting)):

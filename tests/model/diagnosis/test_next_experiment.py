@@ -99,7 +99,7 @@ def test_proposals_beat_settings_taken_at_random(separable: tuple[Diagnosis, lis
     for _ in range(12):
         rows = np.isin(np.arange(allowed.count), rng.choice(allowed.count, len(proposed), replace=False))
         measured = design._extended(found.data, FINGER, found.findings.problem, allowed.subset(rows))
-        reached.append(design._separation(measured, first, second))
+        reached.append(design.separation(measured, first, second))
     assert proposed[0]["lambda_after"] > 2.0 * np.median(reached)
     assert proposed[0]["lambda_after"] > 0.9 * max(reached)
 

@@ -110,7 +110,7 @@ def test_noise_that_hardly_forgets_is_taken_into_account_once(tmp_path) -> None:
     noise = noise_of(slow)
     assert noise is not None
     warnings: list[str] = []
-    found = workflow._base(read_model(MODEL), slow, noise, warnings).noise
+    found = workflow._base(read_model(MODEL), slow, noise, warnings).problem.noise
     assert found.correlation > 0.6
     assert sum("correlated" in said for said in warnings) == 1
 
