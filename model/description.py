@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import tomllib
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,8 @@ from model.support.errors import ModelError, nearest
 from model.support.files import read_text
 
 VARIANTS = ("corrected", "published", "published_absolute")  # the last two: `published.py`
-POWER_LAW = {  # unit and range of its numbers
+Known = tuple[str, float, float]  # unit and range of a number
+POWER_LAW = {
     "eps_inf": ("1", 1.0, 1e6),
     "amplitude": ("1", 0.0, 1e9),
     "exponent": ("1", 0.0, 1.0),
@@ -119,7 +121,8 @@ def _read_parameters(table: Any, path: Path) -> dict[str, Parameter]:
     if missing:
         raise ModelError(f"{where}: {missing[0]} is missing", f"Give {SPECIFICATION[missing[0]]['about']}")
     read = {
-        name: _read_parameter(name, table.get(name, spec["default"]), where) for name, spec in SPECIFICATION.items()
+        name: _read_number(name, table.get(name, spec["default"]), (spec["unit"], spec["low"], spec["high"]), where)
+        for name, spec in SPECIFICATION.items()
     }
     low, high = read["roll_off_wavenumber_per_m"].value, read["cut_off_wavenumber_per_m"].value
     if high < 2.0 * low:
@@ -137,26 +140,23 @@ def _read_effects(table: Any, path: Path) -> dict[str, dict[str, Parameter]]:
     _check_keys(table, list(BY_NAME), where)
     read: dict[str, dict[str, Parameter]] = {}
     for key, values in table.items():
-        known = {p.name: p for p in BY_NAME[key].parameters()}
+        known = {p.name: (p.unit, p.low, p.high) for p in BY_NAME[key].parameters()}
         if not isinstance(values, dict):
             raise ModelError(f"{where}: {key} is not a table", f"Give {', '.join(known)}")
         _check_keys(values, list(known), f"{path}, [effects.{key}]")
-        missing = [name for name in known if name not in values]
-        if missing:
-            raise ModelError(f"{path}, [effects.{key}]: {missing[0]} is missing", f"Give {', '.join(known)}")
-        read[key] = {
-            name: _read_number(name, values[name], (p.unit, p.low, p.high), f"{path}, [effects.{key}]")
-            for name, p in known.items()
-        }
+        read[key] = _read_numbers(values, known, f"{path}, [effects.{key}]")
     return read
 
 
-def _read_parameter(name: str, entry: Any, where: str) -> Parameter:
-    spec = SPECIFICATION[name]
-    return _read_number(name, entry, (spec["unit"], spec["low"], spec["high"]), where)
+def _read_numbers(table: dict[str, Any], known: Mapping[str, Known], where: str) -> dict[str, Parameter]:
+    """All of the `known`, none of which may be missing."""
+    missing = [name for name in known if name not in table]
+    if missing:
+        raise ModelError(f"{where}: {missing[0]} is missing", f"Give {', '.join(known)}")
+    return {name: _read_number(name, table[name], spec, where) for name, spec in known.items()}
 
 
-def _read_number(name: str, entry: Any, spec: tuple[str, float, float], where: str) -> Parameter:
+def _read_number(name: str, entry: Any, spec: Known, where: str) -> Parameter:
     unit, low, high = spec
     entry = entry if isinstance(entry, dict) else {"value": entry}
     _check_keys(entry, ["value", "std", "source"], f"{where} {name}")
@@ -178,12 +178,8 @@ def _read_dielectric(table: Any, path: Path) -> Dielectric:
     kind = str(table["set"])
     if kind == "power_law":
         _check_keys(table, ["set", *POWER_LAW], where)
-        missing = [key for key in POWER_LAW if key not in table]
-        if missing:
-            raise ModelError(f"{where}: {missing[0]} is missing", f"Give {', '.join(POWER_LAW)}")
-        numbers = (_read_number(key, table[key], spec, where).value for key, spec in POWER_LAW.items())
-        eps_inf, amplitude, exponent, conductivity = numbers
-        return PowerLaw(eps_inf, amplitude, exponent, conductivity)
+        values: dict[str, Any] = {name: p.value for name, p in _read_numbers(table, POWER_LAW, where).items()}
+        return PowerLaw(**values)
     if kind == "csv":
         _check_keys(table, ["set", "file"], where)
         if not isinstance(table.get("file"), str):

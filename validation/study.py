@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from model.contact.gap_distribution import area_ratio, gap_distribution, mean_gap
-from model.contact.gap_table import gap_integrals
+from model.contact.gap_table import gap_mass, integrals_of
 from model.contact.roughness import Array, SelfAffineShape
 from model.contact.theory_error import GAP_LENGTH_M, PRESSURE_PA
 from validation.contact_solver import RoughContact, SolvedContact, random_surface, solve
@@ -76,7 +76,7 @@ def theory(contact: RoughContact, pressure_pa: float) -> Theory:
     """By direct quadrature, not by the table."""
     p_hat = pressure_pa / contact.pressure_scale_pa
     z_hat = np.array(GAP_LENGTH_M, dtype=np.complex128) / contact.h_rms_m
-    k_hat, _ = gap_integrals(contact.shape, p_hat, z_hat)
+    k_hat, _ = integrals_of(gap_mass(contact.shape, p_hat), z_hat)
     gap_m = mean_gap(contact.shape, p_hat) * contact.h_rms_m
     return Theory(gap_m, float(area_ratio(contact.shape, p_hat)), k_hat / contact.h_rms_m**2)
 

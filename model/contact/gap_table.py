@@ -92,18 +92,11 @@ def gap_mass(shape: SelfAffineShape, p_hat: float, magnification_step: float = M
     return gap_distribution(shape, p_hat, magnification_step).density(u) * u * LOG_U_AXIS[2]
 
 
-def gap_integrals(
-    shape: SelfAffineShape, p_hat: float, z_hat: NDArray[np.complex128], magnification_step: float = MAGNIFICATION_STEP
-) -> tuple[Array, NDArray[np.complex128]]:
-    """K^ and L^ of one pressure at the complex lengths `z_hat` (any shape), by direct quadrature.
+def integrals_of(mass: Array, z_hat: NDArray[np.complex128]) -> tuple[Array, NDArray[np.complex128]]:
+    """K^ and L^ of one distribution of gaps at the complex lengths `z_hat` (any shape), by direct quadrature.
 
     Trapezoid rule in log u: the integrand is analytic in a strip of half-width pi/2 around the axis.
     """
-    return integrals_of(gap_mass(shape, p_hat, magnification_step), z_hat)
-
-
-def integrals_of(mass: Array, z_hat: NDArray[np.complex128]) -> tuple[Array, NDArray[np.complex128]]:
-    """K^ and L^ of one distribution of gaps."""
     u = gap_nodes()
     x, y = z_hat.real.ravel(), z_hat.imag.ravel()
     inverse_square = 1.0 / ((u + x[:, None]) ** 2 + (y * y)[:, None])

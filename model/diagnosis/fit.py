@@ -79,24 +79,21 @@ class Problem:
             weight = (n + nu) / (nu + chi2)
             normal = weight * jacobian.T @ jacobian + np.eye(vector.size)
             gradient = weight * jacobian.T @ residual - vector
-            improved = False
-            steps = [
-                np.linalg.solve(normal + d * np.diag(np.diag(normal)), gradient)
-                for d in damping * np.array([0.1, 1.0, 10.0, 100.0])
-            ]
+            dampings = damping * np.array([0.1, 1.0, 10.0, 100.0])
+            steps = [np.linalg.solve(normal + d * np.diag(np.diag(normal)), gradient) for d in dampings]
             trials = np.clip(vector + np.array(steps), -FARTHEST, FARTHEST)
             residuals = self.whitened(kinds, trials)
             costs = self.cost(np.sum(residuals**2, axis=1), trials)
             best = int(np.argmin(costs))
             gain = cost - float(costs[best])
             if gain > 0.0:
-                vector, cost, improved = trials[best], float(costs[best]), True
-                damping = float(np.clip(damping * (0.1, 1.0, 10.0, 100.0)[best], 1e-9, 1e6))
+                vector, cost = trials[best], float(costs[best])
+                damping = float(np.clip(dampings[best], 1e-9, 1e6))
                 residual, jacobian = self.linearise(kinds, vector)
                 chi2 = float(residual @ residual)
             else:
                 damping = min(damping * 1e3, 1e9)
-            if (improved and gain < TOLERANCE) or damping >= 1e8:
+            if 0.0 < gain < TOLERANCE or damping >= 1e8:
                 break
         return self._finish(tuple(kinds), vector, residual, jacobian)
 

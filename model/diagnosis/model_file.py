@@ -15,14 +15,12 @@ import numpy as np
 
 from model.description import POWER_LAW, ModelDescription
 from model.diagnosis.fit import Fit
-from model.diagnosis.naming import Candidate
 from model.diagnosis.space import NUISANCES, Nuisance
 from model.diagnosis.workflow import Diagnosis
 from model.electric.dielectrics import NAMED, PowerLaw, Tabulated
 from model.parameters import SPECIFICATION, Parameter
 from model.support.errors import ModelError
 
-NAMED_VERDICTS = ("effect_found", "ambiguous")  # those whose model carries effects
 TABLES = "dielectric"  # folder beside the model file that a user's own dielectric table goes to
 Scalar = float | int | str
 
@@ -70,23 +68,20 @@ def fitted_effects(fit: Fit, source: str = "") -> dict[str, dict[str, Parameter]
 
 def fitted_model(diagnosis: Diagnosis, description: ModelDescription, source_name: str) -> ModelDescription:
     """The input model with the fitted finger and, where the verdict names any, the effects; unchanged without a fit."""
-    if diagnosis.verdict is None:
+    if diagnosis.findings is None:
         return description
-    fit = diagnosis.verdict.chosen.fit
+    verdict = diagnosis.findings.verdict
+    fit = verdict.chosen.fit
     data = f"{Path(source_name).name}, sha256 {diagnosis.data.content_hash[:16]}"
-    effects = fitted_effects(fit, f"fit to {data}") if diagnosis.name in NAMED_VERDICTS else {}
-    name = "+".join([description.name.removesuffix("-fitted"), *effects]) if effects else _fitted(description.name)
+    effects = fitted_effects(fit, f"fit to {data}") if verdict.is_named else {}
+    own_name = description.name.removesuffix("-fitted")
     return replace(
         description,
-        name=name,
+        name="+".join([own_name, *effects]) if effects else f"{own_name}-fitted",
         about=f"{description.name}, fitted to {data}: {diagnosis.name}",
         parameters=description.parameters | fitted_nuisances(description, fit, f"fit to {data}"),
         effect_parameters=description.effect_parameters | effects,
     )
-
-
-def _fitted(name: str) -> str:
-    return name if name.endswith("-fitted") else f"{name}-fitted"
 
 
 def write_model(diagnosis: Diagnosis, description: ModelDescription, path: Path, source_name: str) -> ModelDescription:
@@ -189,11 +184,11 @@ def _origin(diagnosis: Diagnosis, description: ModelDescription, source_name: st
         "parent_model": description.name,
         "parent_hash": description.content_hash,
     }
-    verdict, weighed = diagnosis.verdict, diagnosis.weighed
-    if verdict is not None and weighed is not None:
-        origin["probability"] = verdict_probability(diagnosis)
+    if diagnosis.findings is not None:
+        verdict, base = diagnosis.findings.verdict, diagnosis.findings.weighed.base
+        origin["probability"] = verdict.probability
         origin["log_evidence"] = float(verdict.chosen.alone.log_evidence)
-        origin["log_evidence_gain"] = float(verdict.chosen.alone.log_evidence - weighed.base.alone.log_evidence)
+        origin["log_evidence_gain"] = float(verdict.chosen.alone.log_evidence - base.alone.log_evidence)
         for name, alike in verdict.group.items():
             if alike:
                 origin[f"{name}_indistinguishable_from"] = ", ".join(alike)
@@ -202,21 +197,6 @@ def _origin(diagnosis: Diagnosis, description: ModelDescription, source_name: st
         "program": program(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
     }
-
-
-def verdict_probability(diagnosis: Diagnosis) -> float:
-    """Probability of what the verdict says: its effects and what is not told apart from them, none, or unknown."""
-    verdict = diagnosis.verdict
-    if verdict is None:
-        return float("nan")
-    if diagnosis.name in NAMED_VERDICTS:
-        names = {name for effect in _names(verdict.chosen) for name in (effect, *verdict.group.get(effect, []))}
-        return min(1.0, float(sum(verdict.probabilities.get(name, 0.0) for name in names)))
-    return float(verdict.probabilities["none" if diagnosis.name == "no_discrepancy" else "unknown"])
-
-
-def _names(candidate: Candidate) -> list[str]:
-    return [kind.name for kind in candidate.kinds]
 
 
 def _without_date(text: bytes) -> bytes:

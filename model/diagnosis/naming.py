@@ -83,3 +83,9 @@ def imitation(problem: Problem, true: Fit, rival: Candidate) -> float:
     start[: len(NUISANCES)] = true.vector[: len(NUISANCES)]
     fits.append(noiseless.fit(rival.kinds, start))
     return min(float(f.residual @ f.residual + 0.0) for f in fits)
+
+
+def separation(problem: Problem, first: Candidate, second: Candidate) -> float:
+    """lambda_ij in the noise that the first leaves, the smaller way round."""
+    both = (imitation(problem, first.fit, second), imitation(problem, second.fit, first))
+    return min(both) / first.fit.scale2

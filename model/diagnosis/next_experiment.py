@@ -19,12 +19,12 @@ from model.conditions import UNDRIVEN_HZ
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import STEP, Problem
-from model.diagnosis.naming import NONE, Candidate, imitation, words
+from model.diagnosis.naming import NONE, Candidate, separation, words
 from model.diagnosis.noise import SESSION_GAIN_STD
 from model.diagnosis.space import Predictor
 from model.diagnosis.verdict import ALIKE
-from model.diagnosis.where import ALARM
-from model.diagnosis.workflow import Diagnosis
+from model.diagnosis.where import Disagreement
+from model.diagnosis.workflow import Diagnosis, Findings
 from model.support.arrays import Array
 
 REPEATS = 5  # readings at each proposed setting
@@ -39,7 +39,6 @@ LEAST_WEIGHT = 1e-3  # of a pair, beside the weightiest: improbable rivals still
 class _Outlook:
     """A model's prediction of log friction at all settings [s], and the directions [s, k] in which it is uncertain."""
 
-    candidate: Candidate
     probability: float
     mean: Array
     spread: Array
@@ -49,7 +48,6 @@ class _Outlook:
 class _Pair:
     """Two models: how they differ at all settings [s], what hides it [s, k], and what the pair weighs."""
 
-    names: tuple[str, str]
     weight: float
     difference: Array
     spread: Array
@@ -64,25 +62,25 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: 
     (refitted, not extrapolated); `lambda_enough` makes a name. Without an explanation, the settings repeat where data
     and model disagree most.
     """
-    problem, verdict, weighed = diagnosis.problem, diagnosis.verdict, diagnosis.weighed
-    if problem is None or verdict is None or weighed is None:
+    findings = diagnosis.findings
+    if findings is None:
         return []
-    enough = weighed.apart
     if diagnosis.name == "unexplained":
-        return _repeats(diagnosis, most)
-    leaders = _leaders(diagnosis)
+        return _repeats(diagnosis.data, findings.before, most)
+    leaders = _leaders(findings)
     if len(leaders) < 2:
         return []
+    problem, enough = findings.problem, findings.weighed.apart
     settings = _settings(diagnosis.data, [c for c, _ in leaders])
     outlooks, usable = _outlooks(description, settings, leaders)
     settings = settings.subset(usable)
-    noise = float(np.median(problem.noise.relative_std)) * float(np.sqrt(verdict.chosen.fit.scale2))
+    noise = float(np.median(problem.noise.relative_std)) * float(np.sqrt(findings.verdict.chosen.fit.scale2))
     picked, gains = _greedy(_pairs(outlooks), noise, most if usable.any() else 0, enough)
     first, second = leaders[0][0], leaders[1][0]
-    now = after = _separation(problem, first, second)
+    now = after = separation(problem, first, second)
     if picked:
         chosen = settings.subset(np.isin(np.arange(settings.count), picked))
-        after = _separation(_extended(diagnosis, description, problem, chosen), first, second)
+        after = separation(_extended(diagnosis.data, description, problem, chosen), first, second)
     common = {
         "purpose": f"tells {words(first.name)} from {words(second.name)}",
         "separates": [first.name, second.name],
@@ -98,11 +96,10 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: 
     ]
 
 
-def _repeats(diagnosis: Diagnosis, most: int) -> list[dict[str, Any]]:
+def _repeats(data: Measurements, scan: Disagreement, most: int) -> list[dict[str, Any]]:
     """One measured setting from the middle of each region that disagrees, strongest first."""
-    data, regions = diagnosis.data, () if diagnosis.before is None else diagnosis.before.regions
     found: list[dict[str, Any]] = []
-    for region in [r for r in regions if r.p_value < ALARM][:most]:
+    for region in scan.certain[:most]:
         inside = np.ones(data.count, bool)
         for axis, low, high in zip(region.axes, region.low, region.high, strict=True):
             inside &= (data.columns[axis] >= low) & (data.columns[axis] <= high)
@@ -122,11 +119,9 @@ def _repeats(diagnosis: Diagnosis, most: int) -> list[dict[str, Any]]:
     return found
 
 
-def _leaders(diagnosis: Diagnosis) -> list[tuple[Candidate, float]]:
+def _leaders(findings: Findings) -> list[tuple[Candidate, float]]:
     """The models to tell apart with their probabilities: the chosen, what it is confused with, then the likeliest."""
-    verdict, weighed = diagnosis.verdict, diagnosis.weighed
-    if verdict is None or weighed is None:
-        return []
+    verdict, weighed = findings.verdict, findings.weighed
     alike = {name for names in verdict.group.values() for name in names}
     fitted = [c for c in (weighed.base, *weighed.singles) if c.kinds != verdict.chosen.kinds]
     fitted.sort(key=lambda c: (c.name not in alike, -verdict.probabilities[c.name]))
@@ -183,7 +178,7 @@ def _outlooks(
         usable &= np.all(np.isfinite(logs), axis=0)
         slope = (logs[1:] - logs[0]).T / STEP
         root = np.linalg.cholesky(candidate.fit.covariance + 1e-12 * np.eye(vector.size))
-        found.append(_Outlook(candidate, probability, logs[0], slope @ root))
+        found.append(_Outlook(probability, logs[0], slope @ root))
     return [replace(o, mean=o.mean[usable], spread=o.spread[usable]) for o in found], usable
 
 
@@ -194,7 +189,6 @@ def _pairs(outlooks: Sequence[_Outlook]) -> list[_Pair]:
     floor = LEAST_WEIGHT * weights[0] or 1.0
     return [
         _Pair(
-            (a.candidate.name, b.candidate.name),
             max(weight, floor),
             a.mean - b.mean,
             np.concatenate([np.full((a.mean.size, 1), SESSION_GAIN_STD), a.spread, b.spread], axis=1),
@@ -228,8 +222,6 @@ def _gains(pair: _Pair, noise: float, picked: Sequence[int]) -> Array:
     rows = list(picked)
     own = noise**2 / REPEATS
     variance = own + np.sum(pair.spread**2, axis=1)
-    if not rows:
-        return np.asarray(pair.difference**2 / variance)
     known = pair.spread[rows]
     inner = known @ known.T + own * np.eye(len(rows))
     weights = np.linalg.solve(inner, known @ pair.spread.T)
@@ -238,18 +230,12 @@ def _gains(pair: _Pair, noise: float, picked: Sequence[int]) -> Array:
     return np.asarray(left**2 / np.maximum(remaining, own))
 
 
-def _separation(problem: Problem, first: Candidate, second: Candidate) -> float:
-    """lambda_ij, the smaller way round."""
-    both = (imitation(problem, first.fit, second), imitation(problem, second.fit, first))
-    return min(both) / first.fit.scale2
-
-
-def _extended(diagnosis: Diagnosis, description: ModelDescription, problem: Problem, chosen: Measurements) -> Problem:
+def _extended(data: Measurements, description: ModelDescription, problem: Problem, chosen: Measurements) -> Problem:
     """The data's problem with the chosen settings measured, `REPEATS` times each, in a new session."""
-    data, noise = diagnosis.data, problem.noise
-    count = chosen.count
+    noise, count = problem.noise, chosen.count
+    usual = {"voltage_offset_v": 0.0}
     both = {
-        name: np.concatenate([values, chosen.columns.get(name, np.full(count, _usual(name, values)))])
+        name: np.concatenate([values, chosen.columns.get(name, np.full(count, usual.get(name, np.median(values))))])
         for name, values in data.columns.items()
         if name in (*chosen.columns, "voltage_offset_v", "time_s")
     }
@@ -263,10 +249,6 @@ def _extended(diagnosis: Diagnosis, description: ModelDescription, problem: Prob
     lower[data.count :, data.count :] = cholesky(np.diag(relative**2) + SESSION_GAIN_STD**2, lower=True)
     wider = replace(noise, relative_std=np.concatenate([noise.relative_std, relative]), lower=lower)
     return Problem(Predictor(description, extended), np.zeros(extended.count), wider)
-
-
-def _usual(name: str, values: Array) -> float:
-    return 0.0 if name == "voltage_offset_v" else float(np.median(values))
 
 
 def _setting(settings: Measurements, index: int) -> dict[str, float | None]:

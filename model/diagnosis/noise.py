@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from model.diagnosis.data import Measurements
@@ -87,18 +88,18 @@ def _replicate_scatter(data: Measurements, values: Array, std: Array) -> tuple[f
     return (float(squares / degrees) if degrees else 0.0), degrees
 
 
-def measurement_order(data: Measurements) -> Array:
-    """The place of each row in time: `time_s` where there is one, else the order of the file."""
-    return data.columns.get("time_s", np.arange(data.count, dtype=float))
+def rows_in_order(data: Measurements) -> list[NDArray[np.intp]]:
+    """The rows of each session in order of measurement: by `time_s` where there is one, else as in the file."""
+    time = data.columns.get("time_s", np.arange(data.count, dtype=float))
+    sessions = (np.flatnonzero(data.session == s) for s in range(len(data.session_names)))
+    return [rows[np.argsort(time[rows], kind="stable")] for rows in sessions]
 
 
 def _correlated(data: Measurements, correlation: float, relative: Array) -> Array:
     """Off-diagonal part of an AR(1) covariance along the order of measurement within each session."""
     rank = np.empty(data.count)
-    order = measurement_order(data)
-    for s in range(len(data.session_names)):
-        rows = np.flatnonzero(data.session == s)
-        rank[rows[np.argsort(order[rows], kind="stable")]] = np.arange(rows.size)
+    for rows in rows_in_order(data):
+        rank[rows] = np.arange(rows.size)
     same = data.session[:, None] == data.session
     matrix = np.where(same, correlation ** np.abs(rank[:, None] - rank), 0.0) * np.outer(relative, relative)
     np.fill_diagonal(matrix, 0.0)

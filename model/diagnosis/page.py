@@ -6,29 +6,13 @@ import base64
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
+from string import Template
 from typing import Any
 
 from model.diagnosis.naming import words
 from model.diagnosis.where import ALARM, DRAWS
 
-PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title><style>
-body {{ font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 62rem; margin: 0 auto; padding: 1.5rem; }}
-header {{ border-left: .5rem solid {colour}; padding: .2rem 1.2rem; background: #f6f7f8; }}
-h1 {{ font-size: 1.5rem; line-height: 1.3; margin: .6rem 0; }}
-h2 {{ font-size: 1.15rem; margin: 2.2rem 0 .5rem; border-bottom: 1px solid #ddd; }}
-p {{ margin: .5rem 0; }} .quiet {{ color: #666; }} .warn {{ background: #fff4d6; padding: .4rem .8rem; }}
-table {{ border-collapse: collapse; margin: .6rem 0; font-size: .92rem; }}
-th, td {{ text-align: left; padding: .25rem .9rem .25rem 0; border-bottom: 1px solid #eee; vertical-align: top; }}
-td.n, th.n {{ text-align: right; font-variant-numeric: tabular-nums; }}
-img {{ max-width: 100%; height: auto; margin: .6rem 0; }} code {{ font-size: .85em; overflow-wrap: anywhere; }}
-div.wide {{ overflow-x: auto; }}
-</style></head><body>
-<header><p class="quiet">Diagnosis of {source}</p><h1>{sentence}</h1><p>{meaning}</p></header>
-{body}
-</body></html>
-"""
+PAGE = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
 PIXELS = 1.65  # of a picture to one of the page
 COLOURS = {
     "no_discrepancy": "#5b8c5a",
@@ -105,13 +89,10 @@ def write_html(content: Mapping[str, Any], drawn: Mapping[str, bytes], path: Pat
         ("Parameters before and after", _before_after(content)),
         ("Proof on data left out of the fit", _proof(content, drawn)),
         ("What to measure next", _next(content)),
-        (
-            "Physical checks at the rig",
-            _list([f"{_upper(words(n))}: {check}" for n, check in content["checks"].items()]),
-        ),
+        ("Physical checks at the rig", _list([f"{_upper(words(n))}: {c}" for n, c in content["checks"].items()])),
         ("Where this comes from", _provenance(content)),
     ]
-    page = PAGE.format(
+    page = PAGE.substitute(
         title=escape(f"Diagnosis: {content['verdict'].replace('_', ' ')}"),
         colour=COLOURS[content["verdict"]],
         source=escape(content["data"].get("file") or "measured friction"),
@@ -124,17 +105,14 @@ def write_html(content: Mapping[str, Any], drawn: Mapping[str, bytes], path: Pat
 
 def _audit(content: Mapping[str, Any]) -> str:
     data = content["data"]
-    text = f"{data['rows']} rows, {data['rows_with_voltage']} of them with voltage, "
-    text += f"in {_count(data['sessions'], 'session')}. "
+    sessions = f"{data['sessions']} session{'' if data['sessions'] == 1 else 's'}"
+    text = f"{data['rows']} rows, {data['rows_with_voltage']} of them with voltage, in {sessions}. "
     if data["noise_source"] is None:
         text += "The noise is unknown."
     else:
-        text += f"Noise of one row: {100.0 * data['noise_relative_std']:.2g} % (from {data['noise_source']}"
-        text += (
-            f", checked by {data['replicate_degrees_of_freedom']} repeats)."
-            if data["replicate_degrees_of_freedom"]
-            else ")."
-        )
+        repeats = data["replicate_degrees_of_freedom"]
+        checked = f", checked by {repeats} repeats" if repeats else ""
+        text += f"Noise of one row: {100.0 * data['noise_relative_std']:.2g} % (from {data['noise_source']}{checked})."
     warnings = "".join(f'<p class="warn">Warning: {escape(w)}</p>' for w in content["warnings"])
     untested = [f"{words(e['name'])} ({e['why']})" for e in content["not_tested"]]
     missing = f'<p class="quiet">Not tested: {escape(", ".join(untested))}.</p>' if untested else ""
@@ -197,13 +175,16 @@ def _which(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
 
 
 def _values(effects: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name} {_measured(p)}" for values in effects.values() for name, p in values.items())
+    fitted = [(name, p) for values in effects.values() for name, p in values.items()]
+    return ", ".join(f"{name} {_measured(p)} {_unit(p)}".rstrip() for name, p in fitted)
 
 
 def _measured(p: Mapping[str, Any]) -> str:
-    unit = "" if p["unit"] == "1" else f" {p['unit']}"
-    std = "" if p["std"] is None else f" ± {_plain(p['std'], 1)}"
-    return f"{_plain(p['value'], 3)}{std}{unit}"
+    return _plain(p["value"], 3) + ("" if p["std"] is None else f" ± {_plain(p['std'], 1)}")
+
+
+def _unit(p: Mapping[str, Any]) -> str:
+    return "" if p["unit"] == "1" else str(p["unit"])
 
 
 def _plain(value: float, digits: int = 4) -> str:
@@ -215,31 +196,13 @@ def _plain(value: float, digits: int = 4) -> str:
 
 
 def _before_after(content: Mapping[str, Any]) -> str:
-    rows = [
-        [
-            p["name"],
-            _plain(p["model"]),
-            _measured(p["before"] | {"unit": "1"}),
-            _signed(p["before"]["drift"]),
-            _measured(p["after"] | {"unit": "1"}),
-            _signed(p["after"]["drift"]),
-            "" if p["unit"] == "1" else p["unit"],
-        ]
-        for p in content["parameters"]
-    ]
-    rows += [
-        [
-            f"{words(e['name'])}: {name}",
-            "off",
-            "",
-            "",
-            _measured(p | {"unit": "1"}),
-            "",
-            "" if p["unit"] == "1" else p["unit"],
-        ]
-        for e in content["effects"]
-        for name, p in e["parameters"].items()
-    ]
+    rows = []
+    for p in content["parameters"]:
+        fits = [cell for fit in (p["before"], p["after"]) for cell in (_measured(fit), _signed(fit["drift"]))]
+        rows.append([p["name"], _plain(p["model"]), *fits, _unit(p)])
+    for e in content["effects"]:
+        for name, p in e["parameters"].items():
+            rows.append([f"{words(e['name'])}: {name}", "off", "", "", _measured(p), "", _unit(p)])
     head = ["parameter", "in the model", "fitted, as given", "drift", "fitted, with the effect", "drift", "unit"]
     note = '<p class="quiet">Drift: in standard deviations of what is expected between fingers.</p>' if rows else ""
     return _rows(head, rows) + note
@@ -333,10 +296,6 @@ def _upper(text: str) -> str:
 
 def _and(items: Sequence[str], word: str = "and") -> str:
     return f" {word} ".join(items) if len(items) < 3 else f"{', '.join(items[:-1])} {word} {items[-1]}"
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _probability(value: float | None) -> str:

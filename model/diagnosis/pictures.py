@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import matplotlib as mpl
 import numpy as np
@@ -15,9 +14,10 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.naming import NONE, UNKNOWN, Candidate, words
 from model.diagnosis.noise import SESSION_GAIN_STD
-from model.diagnosis.verdict import SURE, Verdict, Weighed
-from model.diagnosis.where import ALARM, Region
-from model.diagnosis.workflow import Diagnosis
+from model.diagnosis.rival import LOG_INPUTS
+from model.diagnosis.verdict import SURE
+from model.diagnosis.where import Region
+from model.diagnosis.workflow import Diagnosis, Findings
 from model.support.arrays import Array, Mask
 
 mpl.use("Agg")
@@ -38,7 +38,6 @@ AXES = {
     "time_s": "time, s",
     "voltage_offset_v": "bias, V",
 }
-LOGARITHMIC = ("frequency_hz", "normal_force_n", "speed_m_s")
 DRIVEN_ONLY = ("frequency_hz",)
 MOST_CELLS, MOST_RANGES = 12, 8  # along one side of a map: levels, or ranges where there are more levels
 MOST_BARS = 8
@@ -50,27 +49,17 @@ PLATE = {"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.75
 
 def pictures(diagnosis: Diagnosis) -> dict[str, bytes]:
     """Every picture that the diagnosis has data for; none where nothing could be tested."""
-    if diagnosis.verdict is None:
+    data, found = diagnosis.data, diagnosis.findings
+    if found is None:
         return {}
-    draw: dict[str, Callable[[Diagnosis], Figure | None]] = {
-        "residual_map": residual_map,
-        "residual_over_time": residual_over_time,
-        "fingerprint": fingerprint,
-        "probabilities": probability_bars,
-        "held_out": held_out,
+    drawn = {
+        "residual_map": residual_map(data, found),
+        "residual_over_time": residual_over_time(data, found),
+        "fingerprint": fingerprint(data, found),
+        "probabilities": probability_bars(found),
+        "held_out": held_out(found),
     }
-    found = {}
-    for name, function in draw.items():
-        figure = function(diagnosis)
-        if figure is not None:
-            found[name] = _png(figure)
-    return found
-
-
-def _tested(diagnosis: Diagnosis) -> tuple[Problem, Weighed, Verdict]:
-    if diagnosis.problem is None or diagnosis.weighed is None or diagnosis.verdict is None:
-        raise ValueError("nothing was fitted, so there is nothing to draw")
-    return diagnosis.problem, diagnosis.weighed, diagnosis.verdict
+    return {name: _png(figure) for name, figure in drawn.items() if figure is not None}
 
 
 def residual_percent(problem: Problem, fit: Fit, session: NDArray[np.intp]) -> Array:
@@ -82,36 +71,26 @@ def residual_percent(problem: Problem, fit: Fit, session: NDArray[np.intp]) -> A
     return np.asarray(100.0 * np.expm1(raw - gain[session]))
 
 
-def _before_after(diagnosis: Diagnosis) -> list[tuple[str, Array]]:
-    """Titles and residuals of the base model, and of the chosen one where it has an effect."""
-    problem, weighed, verdict = _tested(diagnosis)
-    session, chosen = diagnosis.data.session, verdict.chosen
-    found = [("model as given", residual_percent(problem, weighed.base.fit, session))]
+def _before_after(data: Measurements, found: Findings) -> list[tuple[str, str, Array]]:
+    """Title, colour and residuals of the base model, and of the chosen one where it has an effect."""
+    models = [("model as given", BEFORE, found.weighed.base.fit)]
+    chosen = found.verdict.chosen
     if chosen.kinds:
-        title = f"with {words(chosen.name)}"
-        found.append((title, residual_percent(problem, chosen.fit, session)))
-    return found
+        models.append((f"with {words(chosen.name)}", AFTER, chosen.fit))
+    return [(title, colour, residual_percent(found.problem, fit, data.session)) for title, colour, fit in models]
 
 
-def residual_map(diagnosis: Diagnosis) -> Figure:
+def residual_map(data: Measurements, found: Findings) -> Figure:
     """Mean residual over frequency and voltage, before and after, with the regions that disagree outlined."""
-    data = diagnosis.data
-    panels = _before_after(diagnosis)
+    panels = _before_after(data, found)
     columns, frequency_names = _cells(data.columns["frequency_hz"], data.driven)
     rows, voltage_names = _cells(data.columns["voltage_v"], data.driven)
     quiet = bool((~data.driven).any())
-    maps = [_means(values, data.driven, rows, columns) for _, values in panels]
+    maps = [_means(values, data.driven, rows, columns) for *_, values in panels]
     limit = max(2.0, *(float(np.nanmax(np.abs(m))) for m in maps))
     height = 2.5 + 0.42 * (len(voltage_names) + quiet)
-    figure, axes = plt.subplots(
-        1,
-        len(panels),
-        figsize=(max(8.2, 5.9 * len(panels) + 0.4), height),
-        sharey=True,
-        squeeze=False,
-        layout="constrained",
-    )
-    for ax, (title, values), means in zip(axes[0], panels, maps, strict=True):
+    figure, axes = _side_by_side(len(panels), max(8.2, 5.9 * len(panels) + 0.4), height)
+    for ax, (title, colour, values), means in zip(axes, panels, maps, strict=True):
         ax.pcolormesh(means, cmap="RdBu_r", vmin=-limit, vmax=limit, edgecolors="white", linewidth=1.5)
         _write_cells(ax, means, limit, 0.0)
         if quiet:
@@ -123,21 +102,26 @@ def residual_map(diagnosis: Diagnosis) -> Figure:
         heights = [*np.arange(len(voltage_names)) + 0.5, *([-0.75] if quiet else [])]
         ax.set_yticks(heights, [*voltage_names, *(["no voltage"] if quiet else [])])
         ax.set(xlabel="frequency, Hz", facecolor="#eeeeee")
-        ax.set_title(title, color=AFTER if title.startswith("with") else BEFORE, fontweight="bold")
+        ax.set_title(title, color=colour, fontweight="bold")
         ax.tick_params(length=0)
         ax.spines[:].set_visible(False)
-    axes[0][0].set_ylabel("voltage, V peak")
-    regions = [] if diagnosis.before is None else [r for r in diagnosis.before.regions if r.p_value < ALARM]
+    axes[0].set_ylabel("voltage, V peak")
+    regions = found.before.certain
     shown = [r for r in regions if set(r.axes) <= {"frequency_hz", "voltage_v"}][:OUTLINED]
     for region in shown:
-        _outline(axes[0][0], region, data, columns, rows, quiet)
+        _outline(axes[0], region, data, columns, rows, quiet)
     scale = ScalarMappable(Normalize(-limit, limit), "RdBu_r")
-    figure.colorbar(scale, ax=axes[0], label="measured minus\npredicted, % of friction", aspect=12)
+    figure.colorbar(scale, ax=axes, label="measured minus\npredicted, % of friction", aspect=12)
     note = "outlined: disagrees beyond chance" if shown else "no region of this map stands out beyond chance"
     if regions and not shown:
         note = f"the disagreement lies along {AXES[regions[0].axes[-1]].split(',')[0]}, see the fingerprint"
     figure.suptitle(f"Where measured and predicted friction differ\n({note})", fontsize=11)
     return figure
+
+
+def _side_by_side(panels: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
+    figure, axes = plt.subplots(1, panels, figsize=(width, height), sharey=True, squeeze=False, layout="constrained")
+    return figure, axes[0].tolist()
 
 
 def _cells(values: Array, allowed: Mask) -> tuple[Array, list[str]]:
@@ -192,33 +176,30 @@ def _outline(ax: Axes, region: Region, data: Measurements, columns: Array, rows:
     ax.add_patch(frame)
 
 
-def residual_over_time(diagnosis: Diagnosis) -> Figure | None:
+def residual_over_time(data: Measurements, found: Findings) -> Figure | None:
     """Residual against time, one colour per session, with what is smooth in it; None without `time_s`."""
-    data = diagnosis.data
     if not data.varies("time_s"):
         return None
-    panels = _before_after(diagnosis)
-    figure, axes = plt.subplots(
-        1, len(panels), figsize=(max(8.2, 5.6 * len(panels)), 3.6), sharey=True, squeeze=False, layout="constrained"
-    )
+    panels = _before_after(data, found)
+    figure, axes = _side_by_side(len(panels), max(8.2, 5.6 * len(panels)), 3.6)
     groups = [(f"session {_literal(name)}", data.session == i) for i, name in enumerate(data.session_names)]
     if len(groups) > MOST_BARS:
         groups = [("all sessions", np.ones(data.count, bool))]
     colours = plt.get_cmap("viridis")(np.linspace(0.05, 0.85, len(groups)))
     time = data.columns["time_s"]
     unit, scale = ("h", 3600.0) if np.ptp(time) > 2e4 else ("min", 60.0) if np.ptp(time) > 600.0 else ("s", 1.0)
-    for ax, (title, values) in zip(axes[0], panels, strict=True):
+    for ax, (title, title_colour, values) in zip(axes, panels, strict=True):
         for (name, inside), colour in zip(groups, colours, strict=True):
             rows = np.flatnonzero(inside)
             rows = rows[np.argsort(time[rows], kind="stable")]
             ax.plot(time[rows] / scale, values[rows], ".", ms=3.5, color=colour, alpha=0.55)
             ax.plot(time[rows] / scale, _running_median(values[rows]), "-", lw=1.8, color=colour, label=name)
         ax.axhline(0.0, color=DATA, lw=0.8)
-        ax.set_title(title, color=AFTER if title.startswith("with") else BEFORE, fontweight="bold")
+        ax.set_title(title, color=title_colour, fontweight="bold")
         ax.set_xlabel(f"time, {unit}")
         ax.grid(alpha=0.25)
-    axes[0][0].set_ylabel("measured minus predicted,\n% of friction")
-    axes[0][-1].legend(frameon=False, fontsize=8, loc="best")
+    axes[0].set_ylabel("measured minus predicted,\n% of friction")
+    axes[-1].legend(frameon=False, fontsize=8, loc="best")
     figure.suptitle("Does the difference drift? (lines: running median)", fontsize=11)
     return figure
 
@@ -228,25 +209,24 @@ def _running_median(values: Array) -> Array:
     return np.array([np.median(values[max(0, i - half) : i + half + 1]) for i in range(values.size)])
 
 
-def fingerprint(diagnosis: Diagnosis) -> Figure | None:
+def fingerprint(data: Measurements, found: Findings) -> Figure | None:
     """Over every input that varies: what the data show, and what each leading candidate would make of the model."""
-    problem, weighed, _ = _tested(diagnosis)
-    data = diagnosis.data
+    problem, base = found.problem, found.weighed.base
     names = [name for name in AXES if data.varies(name)]
     if not names:
         return None
-    base = problem.predictor.log_cof((), weighed.base.fit.vector[None])[0]
-    residual = residual_percent(problem, weighed.base.fit, data.session)
-    error = 100.0 * problem.noise.relative_std * weighed.base.beside_discrepancy.scale
-    changes = []
-    for leader in leaders(diagnosis):
-        log_cof = problem.predictor.log_cof(leader.kinds, leader.fit.vector[None])[0]
-        changes.append((words(leader.name), 100.0 * np.expm1(log_cof - base)))
+    residual = residual_percent(problem, base.fit, data.session)
+    error = 100.0 * problem.noise.relative_std * base.beside_discrepancy.scale
+    shown = [base, *leaders(found)]
+    log_cof = [problem.predictor.log_cof(model.kinds, model.fit.vector[None])[0] for model in shown]
+    changes = [
+        (words(model.name), 100.0 * np.expm1(log - log_cof[0]))
+        for model, log in zip(shown[1:], log_cof[1:], strict=True)
+    ]
     wide = min(len(names), 3)
-    figure, axes = plt.subplots(
-        -(-len(names) // wide), wide, figsize=(4.1 * wide + 0.6, 3.3 * -(-len(names) // wide) + 0.9),
-        sharey=True, squeeze=False, layout="constrained",
-    )  # fmt: skip
+    high = -(-len(names) // wide)
+    size = (4.1 * wide + 0.6, 3.3 * high + 0.9)
+    figure, axes = plt.subplots(high, wide, figsize=size, sharey=True, squeeze=False, layout="constrained")
     for ax, name in zip(axes.flat, names, strict=False):
         _profile(ax, data, name, residual, error, changes)
     for ax in axes.flat[len(names) :]:
@@ -262,12 +242,11 @@ def fingerprint(diagnosis: Diagnosis) -> Figure | None:
     return figure
 
 
-def leaders(diagnosis: Diagnosis, most: int = 3) -> list[Candidate]:
+def leaders(found: Findings, most: int = 3) -> list[Candidate]:
     """The chosen model where it has effects, then the most probable single effects."""
-    _, weighed, verdict = _tested(diagnosis)
-    chosen, probabilities = verdict.chosen, verdict.probabilities
+    chosen, probabilities = found.verdict.chosen, found.verdict.probabilities
     others = sorted(
-        (c for c in weighed.singles if c.kinds != chosen.kinds),
+        (c for c in found.weighed.singles if c.kinds != chosen.kinds),
         key=lambda c: (-probabilities[c.name], -c.alone.log_evidence),
     )
     return [*([chosen] if chosen.kinds else []), *others][:most]
@@ -288,7 +267,7 @@ def _profile(
         line = [change[cell == i].mean() for i in cells]
         ax.plot(at, line, "-" if i == 0 else "--", color=colour, lw=2.4 - 0.5 * i, label=label)
     ax.errorbar(at, mean, bar, fmt="o", ms=5, color=DATA, capsize=2.5, lw=1.2, label="measured, ± noise")
-    if name in LOGARITHMIC and at.min() > 0.0:
+    if name in LOG_INPUTS and at.min() > 0.0:
         ax.set_xscale("log")
         if at.max() < 30.0 * at.min():
             ax.set_xticks(at, [f"{v:.3g}" for v in at])
@@ -297,14 +276,14 @@ def _profile(
     ax.grid(alpha=0.25)
 
 
-def probability_bars(diagnosis: Diagnosis) -> Figure:
+def probability_bars(found: Findings) -> Figure:
     """The most probable candidates on a logarithmic scale, with none and unknown always among them."""
-    _, weighed, verdict = _tested(diagnosis)
+    verdict, untestable = found.verdict, found.weighed.untestable
     probabilities = verdict.probabilities
     ranked = sorted(probabilities, key=lambda name: -probabilities[name])
     kept = [name for name in ranked if name not in (NONE, UNKNOWN)][:MOST_BARS]
     shown = [name for name in ranked if name in (*kept, NONE, UNKNOWN)]
-    named = set() if diagnosis.name == "unexplained" else {k.name for k in verdict.chosen.kinds}
+    named = {kind.name for kind in verdict.chosen.kinds}
     alike = {name for names in verdict.group.values() for name in names}
     figure, ax = plt.subplots(figsize=(8.2, 0.8 + 0.36 * len(shown)), layout="constrained")
     for i, name in enumerate(shown):
@@ -320,7 +299,7 @@ def probability_bars(diagnosis: Diagnosis) -> Figure:
         ax.text(max(p, LEAST_BAR) * 1.12, i, text, va="center", fontsize=9, color=DATA, bbox=PLATE)
     ax.axvline(SURE, color=BEFORE, lw=1.2, ls=":")
     ax.text(SURE, -0.75, "needed for a name", color=BEFORE, fontsize=8, ha="right", va="center")
-    ax.set_yticks(range(len(shown)), [words(name) + _mark(name, named, alike, weighed.untestable) for name in shown])
+    ax.set_yticks(range(len(shown)), [words(name) + _mark(name, named, alike, untestable) for name in shown])
     ax.set(xscale="log", xlim=(0.5 * LEAST_BAR, 4.0), ylim=(len(shown) - 0.5, -1.1), xlabel="probability (logarithmic)")
     ax.set_xticks([1e-4, 1e-3, 1e-2, 1e-1, 1.0], ["0.0001", "0.001", "0.01", "0.1", "1"])
     ax.spines[["top", "right"]].set_visible(False)
@@ -334,17 +313,17 @@ def _mark(name: str, named: set[str], alike: set[str], untestable: Sequence[str]
     return "  ●" if name in named else "  ○" if name in alike else ""
 
 
-def held_out(diagnosis: Diagnosis) -> Figure | None:
+def held_out(found: Findings) -> Figure | None:
     """Squared error on data that no fit has seen, fold by fold, before and after; noise alone gives 1."""
-    proof = diagnosis.proof
-    if proof is None or not proof.before.size:
+    proof, chosen = found.proof, found.verdict.chosen
+    if not proof.before.size:
         return None
     count = proof.before.size
     figure, ax = plt.subplots(figsize=(min(max(6.4, 1.3 * count + 2.4), 16.0), 3.6), layout="constrained")
     at = np.arange(count)
     both: list[tuple[str, Array, str, float]] = [("model as given", proof.before, BEFORE, -0.19)]
-    if diagnosis.verdict is not None and diagnosis.verdict.chosen.kinds:
-        both.append((f"with the effect chosen anew ({words(diagnosis.verdict.chosen.name)})", proof.after, AFTER, 0.19))
+    if chosen.kinds:
+        both.append((f"with the effect chosen anew ({words(chosen.name)})", proof.after, AFTER, 0.19))
     for label, values, colour, shift in both:
         place = at + (shift if len(both) > 1 else 0.0)
         ax.bar(place, values, 0.36, color=colour, label=label)
@@ -374,7 +353,6 @@ def _literal(text: str) -> str:
 
 def _png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
-    metadata: dict[str, Any] = {"Software": None}
-    figure.savefig(buffer, format="png", dpi=130, metadata=metadata)
+    figure.savefig(buffer, format="png", dpi=130, metadata={"Software": None})
     plt.close(figure)
     return buffer.getvalue()

@@ -102,12 +102,11 @@ def _error(outer: Predictor, data: Measurements, kinds: Kinds, vector: Array, re
     """Mean squared held-out residual in units of the noise, the held-out sessions' own gain removed."""
     residual = np.log(data.columns["cof"]) - outer.log_cof(kinds, vector[None])[0]
     weight = 1.0 / relative**2
-    lost = 0
-    for s in np.unique(data.session):
+    sessions = np.unique(data.session)
+    for s in sessions:
         rows = data.session == s
         residual[rows] -= np.sum(residual[rows] * weight[rows]) / np.sum(weight[rows])
-        lost += 1
-    return float(np.sum(residual**2 * weight) / max(data.count - lost, 1))
+    return float(np.sum(residual**2 * weight) / max(data.count - sessions.size, 1))
 
 
 def _closed(before: Array, after: Array, weight: Array) -> float:

@@ -12,23 +12,15 @@ import numpy as np
 import scipy
 
 from model.description import ModelDescription
-from model.diagnosis.fit import Fit
-from model.diagnosis.model_file import (
-    NAMED_VERDICTS,
-    fitted_effects,
-    fitted_nuisances,
-    program,
-    verdict_probability,
-    write_model,
-)
-from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN, Candidate
+from model.diagnosis.model_file import fitted_effects, fitted_nuisances, program, write_model
+from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN
 from model.diagnosis.next_experiment import next_experiments
 from model.diagnosis.page import write_html
 from model.diagnosis.pictures import leaders, pictures
 from model.diagnosis.proof import prove
 from model.diagnosis.space import NUISANCES
 from model.diagnosis.where import Disagreement, Region
-from model.diagnosis.workflow import Diagnosis
+from model.diagnosis.workflow import Diagnosis, Findings
 from model.effects import BY_NAME, CATALOGUE
 from model.parameters import Parameter
 from model.support.arrays import Array
@@ -42,40 +34,76 @@ def report(diagnosis: Diagnosis, description: ModelDescription, model_path: str)
 
     Keys `verdict` to `seed` are the public contract of `haptic diagnose --json`; the rest is for the curious.
     """
-    fit, proof = _fit(diagnosis), diagnosis.proof
+    tested = {} if diagnosis.findings is None else _tested(diagnosis, diagnosis.findings, description)
     content = {
         "verdict": diagnosis.name,
-        "adequate": diagnosis.verdict is not None and diagnosis.verdict.adequate,
-        "effects": _effects(diagnosis),
+        "adequate": False,
+        "effects": [],
         "alternatives": _alternatives(diagnosis),
-        "where": [] if diagnosis.before is None else [_region(r) for r in diagnosis.before.regions],
+        "where": [],
         "fit": {
-            "chi2_per_point": fit,
-            "held_out_chi2_per_point": {
-                "before": None if proof is None else _mean(proof.before),
-                "after": None if proof is None else _mean(proof.after),
-            },
-            "gap_closed": None if proof is None else proof.gap_closed,
-            "gap_closed_interval": [None, None] if proof is None else list(proof.interval),
+            "chi2_per_point": {"before": None, "after": None},
+            "held_out_chi2_per_point": {"before": None, "after": None},
+            "gap_closed": None,
+            "gap_closed_interval": [None, None],
         },
         "model": model_path,
         "seed": diagnosis.seed,
-        "probability": verdict_probability(diagnosis),
-        "reasons": list(diagnosis.verdict.reasons if diagnosis.verdict else diagnosis.warnings),
-        "warnings": list(diagnosis.warnings if diagnosis.verdict else ()),
+        "probability": None,
+        "reasons": diagnosis.warnings,
+        "warnings": [],
         "data": _data(diagnosis),
-        "tests": {"before": _tests(diagnosis.before), "after": _tests(diagnosis.after)},
-        "parameters": _parameters(diagnosis, description),
-        "candidates": _candidates(diagnosis),
-        "held_out": _held_out(diagnosis, description),
-        "not_tested": _not_tested(diagnosis, description),
-        "next_experiments": next_experiments(diagnosis, description),
-        "checks": {effect: BY_NAME[effect].check for effect in _suspects(diagnosis)},
+        "tests": {"before": None, "after": None},
+        "parameters": [],
+        "candidates": [],
+        "held_out": None,
+        "not_tested": [],
+        "next_experiments": [],
+        "checks": {},
         "parent_model": {"name": description.name, "hash": description.content_hash},
         "versions": {"program": program(), "numpy": np.__version__, "scipy": scipy.__version__},
     }
-    finite: Record = _finite(content)
+    finite: Record = _finite(content | tested)
     return finite
+
+
+def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription) -> Record:
+    """What a report says only where something was fitted."""
+    verdict, base, proof, rows = found.verdict, found.weighed.base, found.proof, diagnosis.data.count
+    on = {effect.name for effect in description.effects}
+    effects = fitted_effects(verdict.chosen.fit) if verdict.is_named else {}
+    return {
+        "adequate": verdict.adequate,
+        "effects": [
+            {
+                "name": name,
+                "probability": verdict.probabilities[name],
+                "parameters": {key: _number(p) for key, p in values.items()},
+                "indistinguishable_from": verdict.group.get(name, []),
+            }
+            for name, values in effects.items()
+        ],
+        "where": [_region(r) for r in found.before.regions],
+        "fit": {
+            "chi2_per_point": {"before": base.fit.chi2 / rows, "after": verdict.chosen.fit.chi2 / rows},
+            "held_out_chi2_per_point": {"before": _mean(proof.before), "after": _mean(proof.after)},
+            "gap_closed": proof.gap_closed,
+            "gap_closed_interval": proof.interval,
+        },
+        "probability": verdict.probability,
+        "reasons": verdict.reasons,
+        "warnings": diagnosis.warnings,
+        "tests": {"before": _tests(found.before), "after": _tests(found.after)},
+        "parameters": _parameters(found, description),
+        "candidates": _candidates(found, rows),
+        "held_out": _held_out(diagnosis, found, description),
+        "not_tested": [
+            {"name": n, "why": "already in the model" if n in on else f"needs {', '.join(BY_NAME[n].needs)}, varied"}
+            for n in found.weighed.untestable
+        ],
+        "next_experiments": next_experiments(diagnosis, description),
+        "checks": {name: BY_NAME[name].check for name in verdict.suspects},
+    }
 
 
 def _finite(value: Any) -> Any:
@@ -89,39 +117,17 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _fit(diagnosis: Diagnosis) -> Record:
-    if diagnosis.verdict is None or diagnosis.weighed is None:
-        return {"before": None, "after": None}
-    n = diagnosis.data.count
-    return {"before": diagnosis.weighed.base.fit.chi2 / n, "after": diagnosis.verdict.chosen.fit.chi2 / n}
-
-
-def _effects(diagnosis: Diagnosis) -> list[Record]:
-    verdict = diagnosis.verdict
-    if verdict is None or diagnosis.name not in NAMED_VERDICTS:
-        return []
-    return [
-        {
-            "name": name,
-            "probability": verdict.probabilities[name],
-            "parameters": {key: _number(p) for key, p in values.items()},
-            "indistinguishable_from": list(verdict.group.get(name, [])),
-        }
-        for name, values in fitted_effects(verdict.chosen.fit).items()
-    ]
-
-
 def _number(parameter: Parameter) -> Record:
     return {"value": parameter.value, "std": parameter.std, "unit": parameter.unit}
 
 
 def _alternatives(diagnosis: Diagnosis) -> list[Record]:
     """Every candidate, none and unknown; their priors where nothing could be tested."""
-    if diagnosis.verdict is None:
+    if diagnosis.findings is None:
         each = (1.0 - PRIOR_NONE - PRIOR_UNKNOWN) / len(CATALOGUE)
         known = {NONE: PRIOR_NONE, UNKNOWN: PRIOR_UNKNOWN} | {kind.name: each for kind in CATALOGUE}
     else:
-        known = diagnosis.verdict.probabilities
+        known = diagnosis.findings.verdict.probabilities
     total = math.fsum(known.values())
     ranked = sorted(known.items(), key=lambda item: -item[1])
     return [{"name": name, "probability": value / total} for name, value in ranked]
@@ -155,9 +161,7 @@ def _data(diagnosis: Diagnosis) -> Record:
     }
 
 
-def _tests(scan: Disagreement | None) -> Record | None:
-    if scan is None:
-        return None
+def _tests(scan: Disagreement) -> Record:
     return {
         "region_p_value": scan.regions[0].p_value if scan.regions else None,
         "lack_of_fit_p_value": scan.lack_of_fit_p,
@@ -166,106 +170,70 @@ def _tests(scan: Disagreement | None) -> Record | None:
     }
 
 
-def _parameters(diagnosis: Diagnosis, description: ModelDescription) -> list[Record]:
+def _parameters(found: Findings, description: ModelDescription) -> list[Record]:
     """The finger's parameters: in the input model, fitted without and with the effects; drift in prior sd."""
-    if diagnosis.verdict is None or diagnosis.weighed is None:
-        return []
-    base, chosen = diagnosis.weighed.base.fit, diagnosis.verdict.chosen.fit
-    alone, beside = fitted_nuisances(description, base), fitted_nuisances(description, chosen)
+    fits = {"before": found.weighed.base.fit, "after": found.verdict.chosen.fit}
+    fitted = {when: fitted_nuisances(description, fit) for when, fit in fits.items()}
     return [
         {
             "name": n.name,
-            "unit": alone[n.name].unit,
+            "unit": description.parameters[n.name].unit,
             "model": description.parameters[n.name].value,
-            "before": _number(alone[n.name]) | {"drift": n.in_std(float(base.vector[i]))},
-            "after": _number(beside[n.name]) | {"drift": n.in_std(float(chosen.vector[i]))},
         }
+        | {w: _number(fitted[w][n.name]) | {"drift": n.in_std(float(fit.vector[i]))} for w, fit in fits.items()}
         for i, n in enumerate(NUISANCES)
     ]
 
 
-def _candidates(diagnosis: Diagnosis) -> list[Record]:
+def _candidates(found: Findings, rows: int) -> list[Record]:
     """The base model, the chosen one and the best of the rest, with what their fits say."""
-    if diagnosis.verdict is None or diagnosis.weighed is None:
-        return []
-    base = diagnosis.weighed.base
-    probabilities = diagnosis.verdict.probabilities
+    base = found.weighed.base
     return [
         {
             "name": c.name,
-            "probability": probabilities.get(c.name),
+            "probability": found.verdict.probabilities.get(c.name),
             "log_evidence_gain": c.alone.log_evidence - base.alone.log_evidence,
             "unknown_beside_it": c.beside_discrepancy.log_evidence - c.alone.log_evidence,
-            "chi2_per_point": c.fit.chi2 / diagnosis.data.count,
-            "parameters": _shown(c.fit),
+            "chi2_per_point": c.fit.chi2 / rows,
+            "parameters": {e: {k: _number(p) for k, p in v.items()} for e, v in fitted_effects(c.fit).items()},
         }
-        for c in (base, *leaders(diagnosis, CANDIDATES))
+        for c in (base, *leaders(found, CANDIDATES))
     ]
 
 
-def _shown(fit: Fit) -> Record:
-    return {effect: {key: _number(p) for key, p in values.items()} for effect, values in fitted_effects(fit).items()}
-
-
-def _held_out(diagnosis: Diagnosis, description: ModelDescription) -> Record | None:
+def _held_out(diagnosis: Diagnosis, found: Findings, description: ModelDescription) -> Record | None:
     """The proof fold by fold, and what the best rival reaches in the same folds without being chosen."""
-    proof, verdict = diagnosis.proof, diagnosis.verdict
-    if proof is None or verdict is None or not proof.before.size:
+    proof = found.proof
+    if not proof.before.size:
         return None
-    rival = _best_rival(diagnosis)
     return {
         "by": proof.by,
-        "folds": list(proof.folds),
+        "folds": proof.folds,
         "before": proof.before,
         "after": proof.after,
         "chosen_again": proof.inclusion,
-        "best_rival": None if rival is None else {"name": rival.name} | _rival(diagnosis, description, rival),
+        "best_rival": _best_rival(diagnosis, found, description),
     }
 
 
-def _best_rival(diagnosis: Diagnosis) -> Candidate | None:
-    """The most probable effect that is neither named nor counted among what is not told apart."""
-    verdict = diagnosis.verdict
-    if verdict is None or diagnosis.weighed is None or not verdict.chosen.kinds:
+def _best_rival(diagnosis: Diagnosis, found: Findings, description: ModelDescription) -> Record | None:
+    """The most probable effect that is not suspected, through the same folds in the noise that the chosen leaves."""
+    others = [c for c in found.weighed.singles if c.name not in found.verdict.suspects]
+    if not found.verdict.chosen.kinds or not others:
         return None
-    taken = {kind.name for kind in verdict.chosen.kinds} | {n for names in verdict.group.values() for n in names}
-    others = [c for c in diagnosis.weighed.singles if c.name not in taken]
-    return max(others, key=lambda c: c.alone.log_evidence, default=None)
-
-
-def _rival(diagnosis: Diagnosis, description: ModelDescription, rival: Candidate) -> Record:
-    """The rival through the same folds, measured in the noise that the chosen model leaves."""
-    if diagnosis.noise is None or diagnosis.verdict is None:
-        return {}
-    scale = diagnosis.verdict.chosen.beside_discrepancy.scale
-    tried = prove(description, diagnosis.data, diagnosis.noise, rival, [], scale, diagnosis.seed, lambda _: None)
-    return {"after": tried.after, "gap_closed": tried.gap_closed, "gap_closed_interval": list(tried.interval)}
-
-
-def _not_tested(diagnosis: Diagnosis, description: ModelDescription) -> list[Record]:
-    if diagnosis.weighed is None:
-        return []
-    on = {effect.name for effect in description.effects}
-    return [
-        {
-            "name": name,
-            "why": "already in the model" if name in on else f"needs {', '.join(BY_NAME[name].needs)}, varied",
-        }
-        for name in diagnosis.weighed.untestable
-    ]
+    rival = max(others, key=lambda c: c.alone.log_evidence)
+    noise, scale = found.problem.noise, found.verdict.chosen.beside_discrepancy.scale
+    tried = prove(description, diagnosis.data, noise, rival, [], scale, diagnosis.seed, lambda _: None)
+    return {
+        "name": rival.name,
+        "after": tried.after,
+        "gap_closed": tried.gap_closed,
+        "gap_closed_interval": tried.interval,
+    }
 
 
 def _mean(values: Array) -> float:
     return float(np.mean(values)) if values.size else float("nan")
-
-
-def _suspects(diagnosis: Diagnosis) -> list[str]:
-    """Named effects and what is not told apart from them."""
-    verdict = diagnosis.verdict
-    if verdict is None or diagnosis.name not in NAMED_VERDICTS:
-        return []
-    names = [n for kind in verdict.chosen.kinds for n in (kind.name, *verdict.group.get(kind.name, []))]
-    return list(dict.fromkeys(names))
 
 
 def write_report(diagnosis: Diagnosis, description: ModelDescription, out_dir: Path, source_name: str) -> Record:

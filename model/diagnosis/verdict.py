@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Problem
-from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN, Candidate, fit_candidates, imitation
+from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN, Candidate, fit_candidates, separation
 from model.diagnosis.rival import discrepancy_mean
 from model.diagnosis.where import Disagreement
 from model.support.arrays import Array
@@ -52,6 +52,24 @@ class Verdict:
     probabilities: dict[str, float]
     group: dict[str, list[str]]
     reasons: tuple[str, ...]
+
+    @property
+    def is_named(self) -> bool:
+        """Whether it names effects, which the corrected model then carries."""
+        return self.verdict in ("effect_found", "ambiguous")
+
+    @property
+    def suspects(self) -> list[str]:
+        """The named effects, and what is not told apart from them."""
+        kinds = self.chosen.kinds if self.is_named else ()
+        return list(dict.fromkeys(name for kind in kinds for name in (kind.name, *self.group.get(kind.name, []))))
+
+    @property
+    def probability(self) -> float:
+        """Probability of what it says: its effects and what is not told apart from them, none, or unknown."""
+        if self.is_named:
+            return min(1.0, float(sum(self.probabilities.get(name, 0.0) for name in self.suspects)))
+        return float(self.probabilities[NONE if self.verdict == "no_discrepancy" else UNKNOWN])
 
 
 @dataclass(frozen=True)
@@ -118,10 +136,7 @@ def confusion(problem: Problem, winner: Candidate, rivals: list[Candidate]) -> d
     """min(lambda_ij, lambda_ji) of the winner with each rival that comes near it in evidence."""
     best = winner.alone.log_evidence
     near = [c for c in rivals if c is not winner and best - c.alone.log_evidence < NEAR_NATS]
-    return {
-        c.name: min(imitation(problem, winner.fit, c), imitation(problem, c.fit, winner)) / winner.fit.scale2
-        for c in near
-    }
+    return {c.name: separation(problem, winner, c) for c in near}
 
 
 def decide(

@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit
-from model.diagnosis.noise import Noise, measurement_order
+from model.diagnosis.noise import Noise, rows_in_order
 from model.diagnosis.rival import INPUTS, standardised
 from model.support.arrays import Array, Mask
 
@@ -57,8 +57,13 @@ class Disagreement:
 
     @property
     def alarm(self) -> bool:
-        """Whether some region disagrees beyond chance."""
+        """Whether the strongest region disagrees beyond chance."""
         return bool(self.regions and self.regions[0].p_value < ALARM)
+
+    @property
+    def certain(self) -> list[Region]:
+        """The regions that disagree beyond chance, strongest first."""
+        return [region for region in self.regions if region.p_value < ALARM]
 
 
 def disagreement(data: Measurements, noise: Noise, fit: Fit, seed: int) -> Disagreement:
@@ -166,14 +171,10 @@ def _lack_of_fit(data: Measurements, noise: Noise, residual: Array, tangent: Arr
 
 def neighbour_correlation(data: Measurements, residual: Array) -> tuple[float, float]:
     """Correlation of neighbours in time within sessions, and its two-sided p."""
-    order = measurement_order(data)
-    products, squares, pairs = 0.0, 0.0, 0
-    for s in range(len(data.session_names)):
-        rows = np.flatnonzero(data.session == s)
-        r = residual[rows[np.argsort(order[rows], kind="stable")]]
-        products += float(r[1:] @ r[:-1])
-        squares += float(r @ r)
-        pairs += max(r.size - 1, 0)
+    sessions = [residual[rows] for rows in rows_in_order(data)]
+    products = sum(float(r[1:] @ r[:-1]) for r in sessions)
+    squares = sum(float(r @ r) for r in sessions)
+    pairs = sum(max(r.size - 1, 0) for r in sessions)
     if pairs < FEWEST or squares == 0.0:
         return 0.0, 1.0
     correlation = products / squares

@@ -32,25 +32,31 @@ LEADERS = 4  # rivals that take part in the held-out proof
 
 
 @dataclass(frozen=True)
+class Findings:
+    """What was fitted and what it says; `before` scans the base model's residuals, `after` the chosen one's."""
+
+    problem: Problem
+    weighed: Weighed
+    verdict: Verdict
+    before: Disagreement
+    after: Disagreement
+    proof: Proof
+
+
+@dataclass(frozen=True)
 class Diagnosis:
-    """Everything that one run found; `after` is the scan of the chosen model's residuals."""
+    """Everything that one run found; without `findings` nothing could be tested, and `warnings` say why."""
 
     data: Measurements
     noise: Noise | None
-    verdict: Verdict | None
-    weighed: Weighed | None
-    before: Disagreement | None
-    after: Disagreement | None
-    proof: Proof | None
-    problem: Problem | None
-    discrepancy: list[Array] | None
+    findings: Findings | None
     warnings: tuple[str, ...]
     seed: int
 
     @property
     def name(self) -> str:
         """The verdict's name."""
-        return "not_testable" if self.verdict is None else self.verdict.verdict
+        return "not_testable" if self.findings is None else self.findings.verdict.verdict
 
 
 def diagnose(
@@ -62,12 +68,13 @@ def diagnose(
     kinds = testable_effects(data, description.effects)
     blocked = _blocked(data, noise, kinds)
     if noise is None or blocked:
-        return Diagnosis(data, noise, None, None, None, None, None, None, None, (blocked,), seed)
+        return Diagnosis(data, noise, None, (blocked,), seed)
     progress("base model")
     setting = _base(description, data, noise, warnings)
     untestable = [kind.name for kind in CATALOGUE if kind not in kinds]
     setting, singles = _fit_singles(description, setting, kinds, warnings, progress)
-    data, noise, problem, discrepancy, base = setting
+    data, problem, discrepancy, base = setting
+    noise = problem.noise
     warnings += noise.warnings
     before = disagreement(data, noise, base.fit, seed)
     weighed = Weighed(base, singles, untestable)
@@ -80,9 +87,8 @@ def diagnose(
     scale = verdict.chosen.beside_discrepancy.scale
     proof = prove(description, data, noise, verdict.chosen, leaders, scale, seed, progress)
     warnings += _nuisance_warnings(verdict.chosen)
-    return Diagnosis(
-        data, noise, verdict, weighed, before, scan(verdict.chosen), proof, problem, discrepancy, tuple(warnings), seed
-    )
+    findings = Findings(problem, weighed, verdict, before, scan(verdict.chosen), proof)
+    return Diagnosis(data, noise, findings, tuple(warnings), seed)
 
 
 def _blocked(data: Measurements, noise: Noise | None, kinds: list[type[Effect]]) -> str:
@@ -101,7 +107,6 @@ class _Setting(NamedTuple):
     """What the candidates are fitted to, with the base model's fit."""
 
     data: Measurements
-    noise: Noise
     problem: Problem
     discrepancy: list[Array]
     base: Candidate
@@ -110,7 +115,7 @@ class _Setting(NamedTuple):
 def _setting(description: ModelDescription, data: Measurements, noise: Noise, start: Array) -> _Setting:
     problem = Problem(Predictor(description, data), np.log(data.columns["cof"]), noise)
     discrepancy = features(data, noise)
-    return _Setting(data, noise, problem, discrepancy, candidate(problem, discrepancy, (), problem.fit((), start)))
+    return _Setting(data, problem, discrepancy, candidate(problem, discrepancy, (), problem.fit((), start)))
 
 
 def _left(setting: _Setting) -> Array:
@@ -131,9 +136,9 @@ def _fit_singles(
         return fit_candidates(s.problem, s.discrepancy, s.base.fit, [(kind,) for kind in kinds], progress)
 
     def weight(s: _Setting, fits: list[Candidate]) -> float:
-        return max(c.alone.log_evidence for c in fits) - s.noise.log_determinant
+        return max(c.alone.log_evidence for c in fits) - s.problem.noise.log_determinant
 
-    data, noise = setting.data, setting.noise
+    data, noise = setting.data, setting.problem.noise
     chosen, why = setting, ""
     split = split_sessions(data, noise, setting.base.fit, setting.discrepancy[-1])
     if unlike := unlike_sessions(data, _left(setting)):

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
-from model.effects.base import Effect, Stage, log_parameter
+from model.effects.base import Effect, log_parameter
 from model.touch import Drive
 
 
@@ -15,12 +14,11 @@ from model.touch import Drive
 class AmplifierBandwidth(Effect):
     """V -> V/sqrt(1 + (f/f_c)^(2n))."""
 
-    name: ClassVar[str] = "amplifier_bandwidth"
-    stage: ClassVar[Stage] = "drive"
-    physics: ClassVar[str] = "the amplifier's bandwidth limits the voltage at high frequency"
-    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
-    signature: ClassVar[str] = "force falls at high frequency, by the same share at every voltage and load"
-    check: ClassVar[str] = "measure the electrode at 1 kHz and 100 kHz with a high-impedance probe; swap the amplifier"
+    name = "amplifier_bandwidth"
+    stage = "drive"
+    physics = "the amplifier's bandwidth limits the voltage at high frequency"
+    signature = "force falls at high frequency, by the same share at every voltage and load"
+    check = "measure the electrode at 1 kHz and 100 kHz with a high-impedance probe; swap the amplifier"
 
     cutoff_hz: float = log_parameter("Hz", 2e4, 8.0, (1.0, 1e9), off=float("inf"))
     order: float = log_parameter("1", 1.3, 1.6, (0.5, 6.0), off=1.0)

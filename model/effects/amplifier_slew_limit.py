@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
-from model.effects.base import Effect, Stage, log_parameter
+from model.effects.base import Effect, log_parameter
 from model.touch import Drive
 
 
@@ -15,12 +14,11 @@ from model.touch import Drive
 class AmplifierSlewLimit(Effect):
     """2 pi f V > SR: triangle of peak SR/(4f), whose fundamental is 8/pi^2 of it; never more than the sine itself."""
 
-    name: ClassVar[str] = "amplifier_slew_limit"
-    stage: ClassVar[Stage] = "drive"
-    physics: ClassVar[str] = "the amplifier cannot slew as fast as the sine asks"
-    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
-    signature: ClassVar[str] = "force falls where frequency times voltage is large, and nowhere else"
-    check: ClassVar[str] = "watch the electrode on an oscilloscope: the sine turns into a triangle at high f and V"
+    name = "amplifier_slew_limit"
+    stage = "drive"
+    physics = "the amplifier cannot slew as fast as the sine asks"
+    signature = "force falls where frequency times voltage is large, and nowhere else"
+    check = "watch the electrode on an oscilloscope: the sine turns into a triangle at high f and V"
 
     slew_rate_v_per_s: float = log_parameter("V/s", 1e7, 8.0, (1e2, 1e12), off=float("inf"))
 

@@ -71,7 +71,7 @@ class Effect:
     name: ClassVar[str] = "none"
     stage: ClassVar[Stage] = "drive"
     physics: ClassVar[str] = "nothing is missing"
-    source: ClassVar[str] = ""
+    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
     signature: ClassVar[str] = "residuals without structure"
     check: ClassVar[str] = "repeat the measurement"
     needs: ClassVar[tuple[str, ...]] = ()

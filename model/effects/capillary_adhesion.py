@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
-from model.effects.base import Effect, Stage, log_parameter
+from model.effects.base import Effect, log_parameter
 from model.parameters import TouchParameters
 from model.touch import Contact, Drive
 
@@ -14,12 +13,11 @@ from model.touch import Contact, Drive
 class CapillaryAdhesion(Effect):
     """A constant extra pressure."""
 
-    name: ClassVar[str] = "capillary_adhesion"
-    stage: ClassVar[Stage] = "load"
-    physics: ClassVar[str] = "capillary bridges add to the load"
-    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
-    signature: ClassVar[str] = "more friction at light load without voltage too"
-    check: ClassVar[str] = "wipe the finger dry; measure friction without voltage against load"
+    name = "capillary_adhesion"
+    stage = "load"
+    physics = "capillary bridges add to the load"
+    signature = "more friction at light load without voltage too"
+    check = "wipe the finger dry; measure friction without voltage against load"
 
     pressure_pa: float = log_parameter("Pa", 400.0, 3.0, (1e-3, 1e7), off=0.0)
 

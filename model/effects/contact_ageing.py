@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
-from model.effects.base import Effect, Stage, linear_parameter, log_parameter
+from model.effects.base import Effect, linear_parameter, log_parameter
 from model.touch import Drive, Friction
 
 
@@ -15,13 +14,12 @@ from model.touch import Drive, Friction
 class ContactAgeing(Effect):
     """mu_off(t) = mu_inf - (mu_inf - mu_0) exp(-t/T), as a share of mu_inf."""
 
-    name: ClassVar[str] = "contact_ageing"
-    stage: ClassVar[Stage] = "friction"
-    physics: ClassVar[str] = "the contact softens, moistens or wears in over time"
-    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
-    signature: ClassVar[str] = "friction without voltage drifts along the measurement"
-    check: ClassVar[str] = "repeat the first condition at the end"
-    needs: ClassVar[tuple[str, ...]] = ("time_s",)
+    name = "contact_ageing"
+    stage = "friction"
+    physics = "the contact softens, moistens or wears in over time"
+    signature = "friction without voltage drifts along the measurement"
+    check = "repeat the first condition at the end"
+    needs = ("time_s",)
 
     share: float = linear_parameter("1", 0.0, 0.15, (-3.0, 0.95), off=0.0)
     time_constant_s: float = log_parameter("s", 60.0, 5.0, (1e-3, 1e7), off=1.0)

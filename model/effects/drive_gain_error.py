@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
-from model.effects.base import Effect, Stage, log_parameter
+from model.effects.base import Effect, log_parameter
 from model.touch import Drive
 
 
@@ -13,12 +12,11 @@ from model.touch import Drive
 class DriveGainError(Effect):
     """V -> k V; a 50 ohm load setting into a high-impedance input is k = 2."""
 
-    name: ClassVar[str] = "drive_gain_error"
-    stage: ClassVar[Stage] = "drive"
-    physics: ClassVar[str] = "the drive chain has another gain than configured"
-    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
-    signature: ClassVar[str] = "force scales by one factor at every frequency; friction without voltage is right"
-    check: ClassVar[str] = "measure the electrode at 100 Hz with a high-impedance probe; read OUTP:LOAD?"
+    name = "drive_gain_error"
+    stage = "drive"
+    physics = "the drive chain has another gain than configured"
+    signature = "force scales by one factor at every frequency; friction without voltage is right"
+    check = "measure the electrode at 100 Hz with a high-impedance probe; read OUTP:LOAD?"
 
     gain: float = log_parameter("1", 1.0, 1.35, (0.1, 10.0), off=1.0)
 

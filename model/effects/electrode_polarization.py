@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
-from model.effects.base import Effect, Stage, linear_parameter, log_parameter
+from model.effects.base import Effect, linear_parameter, log_parameter
 from model.parameters import TouchParameters
 from model.touch import Branch, Drive
 
@@ -14,12 +13,12 @@ from model.touch import Branch, Drive
 class ElectrodePolarization(Effect):
     """Admittance per area 1/(R_ct + 1/(Q (j w)^n)) in parallel with the air gap."""
 
-    name: ClassVar[str] = "electrode_polarization"
-    stage: ClassVar[Stage] = "air gap"
-    physics: ClassVar[str] = "charge transfer and a double layer bridge the air gap"
-    source: ClassVar[str] = "10.1002/aisy.202300618; ranges unverified"
-    signature: ClassVar[str] = "less force at low frequency, by a power of frequency"
-    check: ClassVar[str] = "measure the impedance of the touch between 10 Hz and 1 kHz; wipe finger and screen dry"
+    name = "electrode_polarization"
+    stage = "air gap"
+    physics = "charge transfer and a double layer bridge the air gap"
+    source = "10.1002/aisy.202300618; ranges unverified"
+    signature = "less force at low frequency, by a power of frequency"
+    check = "measure the impedance of the touch between 10 Hz and 1 kHz; wipe finger and screen dry"
 
     transfer_resistance_ohm_m2: float = log_parameter("ohm m^2", 30.0, 8.0, (1e-6, 1e12), off=float("inf"))
     admittance_s_sn_per_m2: float = log_parameter("S s^n/m^2", 1e-3, 10.0, (1e-12, 1e6), off=1.0)

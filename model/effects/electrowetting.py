@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
-from model.effects.base import Effect, Stage, log_parameter
+from model.effects.base import Effect, log_parameter
 from model.parameters import TouchParameters
 from model.support.arrays import Values
 from model.touch import Contact, Drive
@@ -15,12 +14,11 @@ from model.touch import Contact, Drive
 class Electrowetting(Effect):
     """Extra pressure c V^2/(1 + (V/V_sat)^2), low-passed at f_c in power."""
 
-    name: ClassVar[str] = "electrowetting"
-    stage: ClassVar[Stage] = "load"
-    physics: ClassVar[str] = "electrowetting of moisture adds to the load"
-    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
-    signature: ClassVar[str] = "extra force at low frequency that saturates with voltage"
-    check: ClassVar[str] = "wipe the finger dry; compare 10 Hz with 10 kHz"
+    name = "electrowetting"
+    stage = "load"
+    physics = "electrowetting of moisture adds to the load"
+    signature = "extra force at low frequency that saturates with voltage"
+    check = "wipe the finger dry; compare 10 Hz with 10 kHz"
 
     coefficient_pa_per_v2: float = log_parameter("Pa/V^2", 0.05, 4.0, (1e-9, 1e4), off=0.0)
     saturation_v: float = log_parameter("V", 80.0, 2.0, (0.1, 1e5), off=1.0)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
-from model.effects.base import Effect, Stage, log_parameter
+from model.effects.base import Effect, log_parameter
 from model.electric.dielectrics import EPS0
 from model.parameters import TouchParameters
 from model.touch import Branch, Drive
@@ -15,12 +14,11 @@ from model.touch import Branch, Drive
 class FloatingBody(Effect):
     """h -> h + eps0 A0/C_b."""
 
-    name: ClassVar[str] = "floating_body"
-    stage: ClassVar[Stage] = "stack"
-    physics: ClassVar[str] = "the body floats on its capacitance to ground"
-    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
-    signature: ClassVar[str] = "force falls at every frequency, least where leakage already limits it"
-    check: ClassVar[str] = "put on a grounding strap"
+    name = "floating_body"
+    stage = "stack"
+    physics = "the body floats on its capacitance to ground"
+    signature = "force falls at every frequency, least where leakage already limits it"
+    check = "put on a grounding strap"
 
     body_capacitance_f: float = log_parameter("F", 5e-10, 4.0, (1e-14, 1e-2), off=float("inf"))
 

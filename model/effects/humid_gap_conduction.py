@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
-from model.effects.base import Effect, Stage, log_parameter
+from model.effects.base import Effect, log_parameter
 from model.electric.dielectrics import EPS0
 from model.parameters import TouchParameters
 from model.touch import Branch, Drive
@@ -15,12 +14,11 @@ from model.touch import Branch, Drive
 class HumidGapConduction(Effect):
     """Conductivity sigma_g of the gap, added to the base model's."""
 
-    name: ClassVar[str] = "humid_gap_conduction"
-    stage: ClassVar[Stage] = "air gap"
-    physics: ClassVar[str] = "moist air and surface films conduct through the gap"
-    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
-    signature: ClassVar[str] = "less force at low frequency, most for wide gaps and light loads"
-    check: ClassVar[str] = "blow dry air over the screen; change the room's humidity"
+    name = "humid_gap_conduction"
+    stage = "air gap"
+    physics = "moist air and surface films conduct through the gap"
+    signature = "less force at low frequency, most for wide gaps and light loads"
+    check = "blow dry air over the screen; change the room's humidity"
 
     gap_conductivity_s_per_m: float = log_parameter("S/m", 3e-9, 10.0, (1e-16, 1e2), off=0.0)
 

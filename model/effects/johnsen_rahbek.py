@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
-from model.effects.base import Effect, Stage, log_parameter
+from model.effects.base import Effect, log_parameter
 from model.electric.dielectrics import EPS0
 from model.parameters import TouchParameters
 from model.touch import Branch, Drive
@@ -15,12 +14,12 @@ from model.touch import Branch, Drive
 class JohnsenRahbek(Effect):
     """Conductivity sigma_1 of the insulator, added to the base model's."""
 
-    name: ClassVar[str] = "johnsen_rahbek"
-    stage: ClassVar[Stage] = "stack"
-    physics: ClassVar[str] = "the insulator leaks charge to its surface"
-    source: ClassVar[str] = "Johnsen and Rahbek 1923; range unverified"
-    signature: ClassVar[str] = "more force at low frequency"
-    check: ClassVar[str] = "hold a steady voltage: attraction grows over seconds; measure the insulator's resistance"
+    name = "johnsen_rahbek"
+    stage = "stack"
+    physics = "the insulator leaks charge to its surface"
+    source = "Johnsen and Rahbek 1923; range unverified"
+    signature = "more force at low frequency"
+    check = "hold a steady voltage: attraction grows over seconds; measure the insulator's resistance"
 
     insulator_conductivity_s_per_m: float = log_parameter("S/m", 1e-9, 10.0, (1e-16, 1e-2), off=0.0)
 

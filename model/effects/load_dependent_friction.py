@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
-from model.effects.base import Effect, Stage, linear_parameter
+from model.effects.base import Effect, linear_parameter
 from model.touch import Drive, Friction
 
 
@@ -13,12 +12,12 @@ from model.touch import Drive, Friction
 class LoadDependentFriction(Effect):
     """F_t = mu_off F_ref ((F_n + F_e)/F_ref)^m, F_ref = 0.5 N."""
 
-    name: ClassVar[str] = "load_dependent_friction"
-    stage: ClassVar[Stage] = "friction"
-    physics: ClassVar[str] = "the real contact area does not grow in proportion to load"
-    source: ClassVar[str] = "Hertz-like contacts have m = 2/3; range unverified"
-    signature: ClassVar[str] = "friction without voltage depends on load"
-    check: ClassVar[str] = "measure friction without voltage at 0.25, 0.5 and 1 N"
+    name = "load_dependent_friction"
+    stage = "friction"
+    physics = "the real contact area does not grow in proportion to load"
+    source = "Hertz-like contacts have m = 2/3; range unverified"
+    signature = "friction without voltage depends on load"
+    check = "measure friction without voltage at 0.25, 0.5 and 1 N"
 
     exponent: float = linear_parameter("1", 1.0, 0.12, (0.2, 2.0), off=1.0)
 

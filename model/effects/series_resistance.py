@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
-from model.effects.base import Effect, Stage, log_parameter
+from model.effects.base import Effect, log_parameter
 from model.electric.dielectrics import EPS0
 from model.parameters import TouchParameters
 from model.touch import Branch, Drive
@@ -15,12 +14,11 @@ from model.touch import Branch, Drive
 class SeriesResistance(Effect):
     """h -> h + j w eps0 R A0."""
 
-    name: ClassVar[str] = "series_resistance"
-    stage: ClassVar[Stage] = "stack"
-    physics: ClassVar[str] = "a resistance in series with the touch takes voltage at high frequency"
-    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
-    signature: ClassVar[str] = "force falls at high frequency, more under higher load"
-    check: ClassVar[str] = "measure the electrode film end to end; touch nearer to the contact of the electrode"
+    name = "series_resistance"
+    stage = "stack"
+    physics = "a resistance in series with the touch takes voltage at high frequency"
+    signature = "force falls at high frequency, more under higher load"
+    check = "measure the electrode film end to end; touch nearer to the contact of the electrode"
 
     resistance_ohm: float = log_parameter("ohm", 2e4, 8.0, (1e-2, 1e10), off=0.0)
 

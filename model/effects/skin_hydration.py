@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
-from model.effects.base import Effect, Stage, linear_parameter
+from model.effects.base import Effect, linear_parameter
 from model.parameters import TouchParameters
 from model.touch import Branch, Drive
 
@@ -14,12 +13,12 @@ from model.touch import Branch, Drive
 class SkinHydration(Effect):
     """sigma_2 -> sigma_2 14^w, eps_2' -> eps_2' 1.5^w."""
 
-    name: ClassVar[str] = "skin_hydration"
-    stage: ClassVar[Stage] = "stack"
-    physics: ClassVar[str] = "the stratum corneum holds more (w > 0) or less water"
-    source: ClassVar[str] = "Bjorklund 2013, PMC3686338, for the two factors"
-    signature: ClassVar[str] = "less force at low frequency (more leakage), more force at high frequency"
-    check: ClassVar[str] = "measure skin hydration (corneometer); wait or wash and dry the finger"
+    name = "skin_hydration"
+    stage = "stack"
+    physics = "the stratum corneum holds more (w > 0) or less water"
+    source = "Bjorklund 2013, PMC3686338, for the two factors"
+    signature = "less force at low frequency (more leakage), more force at high frequency"
+    check = "measure skin hydration (corneometer); wait or wash and dry the finger"
 
     wetness: float = linear_parameter("1", 0.0, 0.5, (-4.0, 4.0), off=0.0)
 

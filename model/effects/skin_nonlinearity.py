@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
-from model.effects.base import Effect, Stage, log_parameter
+from model.effects.base import Effect, log_parameter
 from model.parameters import TouchParameters
 from model.touch import Branch, Drive
 
@@ -16,12 +15,11 @@ from model.touch import Branch, Drive
 class SkinNonlinearity(Effect):
     """sigma_2 -> sigma_2 (1 + (|V_skin|/V0)^2), V_skin being the skin's share of V where insulator and skin touch."""
 
-    name: ClassVar[str] = "skin_nonlinearity"
-    stage: ClassVar[Stage] = "stack"
-    physics: ClassVar[str] = "the skin's conductivity rises with the voltage across it"
-    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
-    signature: ClassVar[str] = "a change at low frequency that grows faster than V^2"
-    check: ClassVar[str] = "sweep the voltage at 10 Hz: friction rises less than with V^2"
+    name = "skin_nonlinearity"
+    stage = "stack"
+    physics = "the skin's conductivity rises with the voltage across it"
+    signature = "a change at low frequency that grows faster than V^2"
+    check = "sweep the voltage at 10 Hz: friction rises less than with V^2"
 
     voltage_scale_v: float = log_parameter("V", 50.0, 6.0, (1e-3, 1e9), off=float("inf"))
 

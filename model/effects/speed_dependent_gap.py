@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
-from model.effects.base import Effect, Stage, log_parameter
+from model.effects.base import Effect, log_parameter
 from model.parameters import TouchParameters
 from model.touch import Contact, Drive
 
@@ -16,13 +15,13 @@ from model.touch import Contact, Drive
 class SpeedDependentGap(Effect):
     """u -> u + du (1 - exp(-v/v0))."""
 
-    name: ClassVar[str] = "speed_dependent_gap"
-    stage: ClassVar[Stage] = "air gap"
-    physics: ClassVar[str] = "sliding lifts the skin off the screen"
-    source: ClassVar[str] = "Shultz 2018: the gap's impedance rises 100 to 1000 % when sliding; ranges unverified"
-    signature: ClassVar[str] = "less force at higher speed, at every frequency"
-    check: ClassVar[str] = "repeat at 5 and 50 mm/s"
-    needs: ClassVar[tuple[str, ...]] = ("speed_m_s",)
+    name = "speed_dependent_gap"
+    stage = "air gap"
+    physics = "sliding lifts the skin off the screen"
+    source = "Shultz 2018: the gap's impedance rises 100 to 1000 % when sliding; ranges unverified"
+    signature = "less force at higher speed, at every frequency"
+    check = "repeat at 5 and 50 mm/s"
+    needs = ("speed_m_s",)
 
     lift_m: float = log_parameter("m", 1e-6, 4.0, (1e-10, 1e-3), off=0.0)
     speed_scale_m_s: float = log_parameter("m/s", 0.02, 2.5, (1e-5, 10.0), off=1.0)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
-from model.effects.base import Effect, Stage, linear_parameter, log_parameter
+from model.effects.base import Effect, linear_parameter, log_parameter
 from model.electric.dielectrics import EPS0
 from model.parameters import TouchParameters
 from model.touch import Branch, Drive
@@ -22,12 +21,12 @@ class SweatFilm(Effect):
     air is (k/k_air)^((1 - m)/2) times the mean field of the gap, exact at both ends.
     """
 
-    name: ClassVar[str] = "sweat_film"
-    stage: ClassVar[Stage] = "air gap"
-    physics: ClassVar[str] = "sweat fills a share of the air gap"
-    source: ClassVar[str] = "starting point of the catalogue; ranges unverified; mixing after Lichtenecker"
-    signature: ClassVar[str] = "columns of sweat: less force, most at low frequency; films: narrower gaps, more force"
-    check: ClassVar[str] = "wipe the finger dry and repeat at once"
+    name = "sweat_film"
+    stage = "air gap"
+    physics = "sweat fills a share of the air gap"
+    source = "starting point of the catalogue; ranges unverified; mixing after Lichtenecker"
+    signature = "columns of sweat: less force, most at low frequency; films: narrower gaps, more force"
+    check = "wipe the finger dry and repeat at once"
 
     share: float = log_parameter("1", 0.03, 5.0, (1e-9, 0.7), off=0.0)
     sweat_conductivity_s_per_m: float = log_parameter("S/m", 0.3, 4.0, (1e-6, 3.0), off=1.0)

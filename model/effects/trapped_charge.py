@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
-from model.effects.base import Effect, Stage, linear_parameter, log_parameter
+from model.effects.base import Effect, linear_parameter, log_parameter
 from model.touch import Drive
 
 
@@ -18,12 +17,11 @@ class TrappedCharge(Effect):
     How much of it acts while nothing is driven, when leakage may screen it, is a parameter.
     """
 
-    name: ClassVar[str] = "trapped_charge"
-    stage: ClassVar[Stage] = "pressure"
-    physics: ClassVar[str] = "charge is trapped on the screen's surface"
-    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
-    signature: ClassVar[str] = "attraction that remains without voltage; polarity of a bias matters"
-    check: ClassVar[str] = "wipe the screen with a grounded damp cloth; reverse a steady voltage"
+    name = "trapped_charge"
+    stage = "pressure"
+    physics = "charge is trapped on the screen's surface"
+    signature = "attraction that remains without voltage; polarity of a bias matters"
+    check = "wipe the screen with a grounded damp cloth; reverse a steady voltage"
 
     surface_voltage_v: float = log_parameter("V", 20.0, 2.5, (1e-3, 1e4), off=0.0)
     share_at_rest: float = linear_parameter("1", 0.5, 0.4, (0.0, 1.0), off=0.0)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
-from model.effects.base import Effect, Stage, linear_parameter
+from model.effects.base import Effect, linear_parameter
 from model.touch import SPEED_REFERENCE_M_S, Drive, Friction
 
 
@@ -15,13 +14,12 @@ from model.touch import SPEED_REFERENCE_M_S, Drive, Friction
 class VelocityDependentFriction(Effect):
     """mu_off -> mu_off (v/v_ref)^s, v_ref = 20 mm/s."""
 
-    name: ClassVar[str] = "velocity_dependent_friction"
-    stage: ClassVar[Stage] = "friction"
-    physics: ClassVar[str] = "skin friction is not Coulomb's in speed"
-    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
-    signature: ClassVar[str] = "friction without voltage depends on speed"
-    check: ClassVar[str] = "measure friction without voltage at 5 and 50 mm/s"
-    needs: ClassVar[tuple[str, ...]] = ("speed_m_s",)
+    name = "velocity_dependent_friction"
+    stage = "friction"
+    physics = "skin friction is not Coulomb's in speed"
+    signature = "friction without voltage depends on speed"
+    check = "measure friction without voltage at 5 and 50 mm/s"
+    needs = ("speed_m_s",)
 
     exponent: float = linear_parameter("1", 0.0, 0.15, (-2.0, 2.0), off=0.0)
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
-from model.effects.base import Effect, Stage, linear_parameter
+from model.effects.base import Effect, linear_parameter
 from model.parameters import TouchParameters
 from model.touch import SPEED_REFERENCE_M_S, Contact, Drive
 
@@ -16,13 +15,12 @@ from model.touch import SPEED_REFERENCE_M_S, Contact, Drive
 class ViscoelasticSkin(Effect):
     """Y* -> Y* (v/v_ref)^n, v_ref = 20 mm/s."""
 
-    name: ClassVar[str] = "viscoelastic_skin"
-    stage: ClassVar[Stage] = "contact"
-    physics: ClassVar[str] = "skin is viscoelastic"
-    source: ClassVar[str] = "starting point of the catalogue; ranges unverified"
-    signature: ClassVar[str] = "less attraction at higher speed, friction without voltage unchanged"
-    check: ClassVar[str] = "repeat at 5 and 50 mm/s, with and without voltage"
-    needs: ClassVar[tuple[str, ...]] = ("speed_m_s",)
+    name = "viscoelastic_skin"
+    stage = "contact"
+    physics = "skin is viscoelastic"
+    signature = "less attraction at higher speed, friction without voltage unchanged"
+    check = "repeat at 5 and 50 mm/s, with and without voltage"
+    needs = ("speed_m_s",)
 
     exponent: float = linear_parameter("1", 0.0, 0.2, (-3.0, 3.0), off=0.0)
 

@@ -1,4 +1,4 @@
-"""Charges at the interfaces insulator-air and air-skin over time, and the attraction that follows from them.
+"""Charges at the interfaces insulator-air and air-skin over time.
 
 Equations (4)-(17) of AliAbbasi et al. 2022 with (15) mended (docs/errata.md) and absolute permittivities. A transient
 needs constants: permittivity and conductivity of the skin are those at one stated frequency. The contact leak, where
@@ -83,29 +83,6 @@ class Coefficients:
         return rho1, rho2
 
 
-@dataclass(frozen=True)
-class Fields:
-    """Fields of insulator, gap and skin in V/m, all of one shape."""
-
-    insulator: Values
-    gap: Values
-    skin: Values
-
-
-@dataclass(frozen=True)
-class Transient:
-    """Charge densities in C/m^2 and fields in V/m over time, [t, n] for t times and n gaps."""
-
-    rho1_c_per_m2: Array
-    rho2_c_per_m2: Array
-    fields: Fields
-
-    @property
-    def pressure_pa(self) -> Array:
-        """Electrostatic pressure (28) of each gap, eps0/2 E_g^2, at each moment [t, n]."""
-        return np.asarray(0.5 * EPS0 * self.fields.gap**2)
-
-
 def constant_layers(parameters: TouchParameters, dielectric: Dielectric, dielectric_at_hz: Values) -> Layers:
     """The layers with the skin's permittivity and total conductivity at `dielectric_at_hz`, whatever is driven."""
     p, at = parameters, np.asarray(dielectric_at_hz, dtype=np.float64)
@@ -142,19 +119,8 @@ def coefficients(layers: Layers, gap_m: Values) -> Coefficients:
     )
 
 
-def fields(layers: Layers, gap_m: Values, voltage_v: Values, rho1: Values, rho2: Values) -> Fields:
-    """(9)-(11): fields under a voltage and interface charges; everything broadcasts."""
-    l1, lg, l2 = layers.elastances(gap_m)
-    displacement = (voltage_v + l1 * rho1 - l2 * rho2) / (l1 + lg + l2)  # eps_g E_g
-    return Fields(
-        insulator=(displacement - rho1) / layers.insulator_permittivity_f_per_m,
-        gap=displacement / layers.air_permittivity_f_per_m,
-        skin=(displacement + rho2) / layers.skin_permittivity_f_per_m,
-    )
-
-
-def simulate(layers: Layers, gap_m: Array, time_s: Array, voltage_v: Array) -> Transient:
-    """Charges and fields of n gaps under any voltage, from neutral layers at `time_s[0]`.
+def simulate(layers: Layers, gap_m: Array, time_s: Array, voltage_v: Array) -> tuple[Array, Array]:
+    """rho1 and rho2 in C/m^2 [t, n] of n gaps under any voltage, from neutral layers at `time_s[0]`.
 
     `gap_m` [n] >= 0, `time_s` [t] rising, `voltage_v` [t] linear in between (its first value is applied at once). Exact
     for such a voltage at any step: the two modes of (16)-(17) are lags with real rates, each integrated in closed form.
@@ -170,7 +136,7 @@ def simulate(layers: Layers, gap_m: Array, time_s: Array, voltage_v: Array) -> T
     slow, fast = _modes(coefficients(layers, gap))
     lag_slow, lag_fast = (_lag(mode.rate_per_s, time, voltage) for mode in (slow, fast))
     rho1, rho2 = (-(slow.drive[i] * lag_slow + fast.drive[i] * lag_fast) for i in (0, 1))
-    return Transient(rho1, rho2, fields(layers, gap, voltage[:, None], rho1, rho2))
+    return rho1, rho2
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
-"""Closed forms that tests hold the numerical code against: charges over time, and the limits of the touch.
+"""Closed form of the charges over time: (34)-(35) and appendix B of AliAbbasi et al. 2022.
 
-(34)-(35) and appendix B of AliAbbasi et al. 2022, with lambda and delta mended or as printed.
+With lambda and delta mended or as printed.
 """
 
 from __future__ import annotations

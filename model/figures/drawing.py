@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -58,9 +59,7 @@ def figure4(solved: Mapping[str, Touching]) -> Figure:
     colours = plt.get_cmap("turbo")(np.linspace(0.02, 0.92, PAPER_HZ.size))
     for row, (name, found) in zip(rows, solved.items(), strict=True):
         columns = (found.pressure_pa / 1e3, found.mean_gap_m * 1e6, found.area_ratio)
-        labels = (
-            "(a) electrostatic pressure, kPa", "(b) mean separation, µm", "(c) real over nominal contact area",
-        )  # fmt: skip
+        labels = "(a) electrostatic pressure, kPa", "(b) mean separation, µm", "(c) real over nominal contact area"
         for ax, values, label in zip(row, columns, labels, strict=True):
             for curve, colour, frequency in zip(values, colours, PAPER_HZ, strict=True):
                 shown = np.where(VOLTAGES_V > 0.0, curve, np.nan)
@@ -73,10 +72,7 @@ def figure4(solved: Mapping[str, Touching]) -> Figure:
         row[1].set_title(TITLES[name], fontweight="bold")
         row[0].annotate("75 V", (VOLTAGE_V, 0.97), xycoords=("data", "axes fraction"), va="top", color=QUIET)
         if np.isnan(found.pressure_pa).any():
-            row[0].annotate(
-                "a curve ends where (29) as printed\nhas no equilibrium", (0.97, 0.04), xycoords="axes fraction",
-                ha="right", color=QUIET, fontsize=9,
-            )  # fmt: skip
+            _aside(row[0], "a curve ends where (29) as printed\nhas no equilibrium", (0.97, 0.04), ha="right")
     handles, names = rows[0][0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside right center", title="frequency", frameon=False)
     _caption(figure, f"Fig. 4: {NORMAL_FORCE_N:g} N. Read along the dotted line for the conditions of Figs. 6 and 7.")
@@ -97,19 +93,14 @@ def figure5(charges: Mapping[str, Charges]) -> Figure:
             ax.set_title(TITLES[name], fontweight="bold")
         places = ("positive charges accumulate", (0.02, 0.94)), ("negative charges gather", (0.45, 0.88))
         for ax, (words, place) in zip(row, places, strict=True):
-            ax.annotate(f"text: {words} here", place, xycoords="axes fraction", color=QUIET, fontsize=9)
+            _aside(ax, f"text: {words} here", place)
     for ax in rows[1]:
         ax.set_yscale("symlog", linthresh=1.0)
-    lost = [
-        f"{volt:g} V"
-        for volt, rho in zip(STEP_V, charges["published"].rho1_c_per_m2.T, strict=True)
-        if np.isnan(rho[0])
-    ]
-    rows[1][0].annotate(
-        "relative permittivities (slip 6): times too long by 1/ε₀,\ncharges here times ε₀"
-        + (f"; no equilibrium at {', '.join(lost)}" if lost else ""),
-        (0.02, 0.80), xycoords="axes fraction", color=QUIET, fontsize=9,
-    )  # fmt: skip
+    lost = ", ".join(
+        f"{v:g} V" for v, rho in zip(STEP_V, charges["published"].rho1_c_per_m2[0], strict=True) if np.isnan(rho)
+    )
+    printed = "relative permittivities (slip 6): times too long by 1/ε₀,\ncharges here times ε₀"
+    _aside(rows[1][0], printed + (f"; no equilibrium at {lost}" if lost else ""), (0.02, 0.80))
     rows[0][0].legend(loc="center left", frameon=False, title="direct voltage")
     _caption(
         figure,
@@ -181,8 +172,9 @@ def _force_and_loss(ax: Axes, found: Touching, tangent: Array) -> None:
     loss.set_ylabel("loss tangent of the skin", color=PURPLE)
     loss.set_ylim(tangent.min() / 30.0, tangent.max() * 2.0)
     least = int(np.argmin(tangent))
-    _note(loss, f"least: {tangent[least]:.3g} at {_hertz(round(SWEEP_HZ[least], -3))}\n(text: about "
-          f"{_hertz(LEAST_LOSS_HZ)})", (SWEEP_HZ[least], tangent[least]), (0.60, 0.06), PURPLE)  # fmt: skip
+    at_hz = _hertz(round(SWEEP_HZ[least], -3))
+    text = f"least: {tangent[least]:.3g} at {at_hz}\n(text: about {_hertz(LEAST_LOSS_HZ)})"
+    _note(loss, text, (SWEEP_HZ[least], tangent[least]), (0.60, 0.06), PURPLE)
 
 
 def _gap_and_area(ax: Axes, found: Touching) -> None:
@@ -197,10 +189,8 @@ def _gap_and_area(ax: Axes, found: Touching) -> None:
 
 def _friction(ax: Axes, found: Touching) -> None:
     ax.plot(SWEEP_HZ, found.cof, color=DARK_BLUE, lw=2.2, label="with 75 V")
-    ax.axhspan(
-        COF_OFF - COF_OFF_STANDARD_ERROR, COF_OFF + COF_OFF_STANDARD_ERROR, color=QUIET, alpha=0.35, lw=0,
-        label=f"off: {COF_OFF} ± {COF_OFF_STANDARD_ERROR}, measured",
-    )  # fmt: skip
+    off, error = COF_OFF, COF_OFF_STANDARD_ERROR
+    ax.axhspan(off - error, off + error, color=QUIET, alpha=0.35, lw=0, label=f"off: {off} ± {error}, measured")
     ax.set_ylabel("coefficient of friction")
     ax.set_ylim(0.49, max(0.56, 0.49 + 1.35 * (float(np.nanmax(found.cof)) - 0.49)))
     ax.legend(loc="upper right", frameon=False)
@@ -225,17 +215,15 @@ def figure8(found: Mapping[str, Mapping[str, Sensitivity]]) -> Figure:
         row[0].set_ylabel(f"electrostatic force, {unit}")
         row[0].legend(loc="best", frameon=False)
     for letter, ax, parameter in zip("efgh", rows[2], CHANGED, strict=True):
-        for name, style in (("corrected", "-"), ("published", ":")):
+        for name, style, as_called in (("corrected", "o-", "corrected"), ("published", "x:", "as printed")):
             s = found[name][parameter]
-            marker = "o" if name == "corrected" else "x"
             for percent, colour, label in ((s.lower_percent, RED, "−50 %"), (s.higher_percent, GREEN, "+50 %")):
-                ax.plot(s.frequency_hz, percent, style, marker=marker, color=colour, ms=4, lw=1.5,
-                        label=f"{label}, {name}" if name == "corrected" else f"{label}, as printed")  # fmt: skip
+                ax.plot(s.frequency_hz, percent, style, color=colour, ms=4, lw=1.5, label=f"{label}, {as_called}")
         ax.axhline(0.0, color=QUIET, lw=0.8)
         ax.set_xscale("log")
         ax.set_yscale("symlog", linthresh=100.0)
-        highest = max(float(np.nanmax(found[n][parameter].lower_percent)) for n in found)
-        highest = max(highest, *(float(np.nanmax(found[n][parameter].higher_percent)) for n in found))
+        changes = [(found[n][parameter].lower_percent, found[n][parameter].higher_percent) for n in found]
+        highest = float(np.nanmax(changes))
         ax.set_yticks(PERCENT_TICKS, [f"{tick:+g}" if tick else "0" for tick in PERCENT_TICKS], minor=False)
         ax.set_yticks([], minor=True)
         ax.set(xlabel="frequency, Hz", ylim=(-105.0, max(100.0, 1.4 * highest)))
@@ -260,15 +248,19 @@ def _caption(figure: Figure, text: str) -> None:
 
 def _mark_peak_frequency(ax: Axes) -> None:
     ax.axvline(PEAK_HZ, color=QUIET, lw=1.0, ls=":")
-    ax.annotate("250 Hz", (PEAK_HZ, 0.985), xycoords=("data", "axes fraction"), va="top", ha="right", color=QUIET,
-                fontsize=9, xytext=(-3, 0), textcoords="offset points")  # fmt: skip
+    beside = {"va": "top", "ha": "right", "xytext": (-3, 0), "textcoords": "offset points"}
+    _aside(ax, "250 Hz", (PEAK_HZ, 0.985), xycoords=("data", "axes fraction"), **beside)
+
+
+def _aside(ax: Axes, text: str, place: tuple[float, float], **more: Any) -> None:
+    """A remark, in grey and at a share of the panel's width and height unless `more` says otherwise."""
+    ax.annotate(text, place, **{"xycoords": "axes fraction", "color": QUIET, "fontsize": 9, **more})
 
 
 def _note(ax: Axes, text: str, point: tuple[float, float], place: tuple[float, float], colour: str) -> None:
-    ax.annotate(
-        text, point, xytext=place, textcoords="axes fraction", color=colour, fontsize=9, bbox=PLATE,
-        arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.8},
-    )  # fmt: skip
+    line = {"arrowstyle": "-", "color": colour, "lw": 0.8}
+    to_point = {"xycoords": "data", "xytext": place, "textcoords": "axes fraction", "arrowprops": line}
+    _aside(ax, text, point, color=colour, bbox=PLATE, **to_point)
 
 
 def _hertz(frequency_hz: float) -> str:

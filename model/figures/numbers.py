@@ -122,11 +122,11 @@ def charges_after_step(models: Mapping[str, TouchModel]) -> dict[str, Charges]:
     description = models["corrected"].description
     layers = constant_layers(description.values, description.dielectric, DIELECTRIC_AT_HZ)
     step = np.ones_like(STEP_TIME_S)
-    right = simulate(layers, gaps["corrected"], STEP_TIME_S, step)
+    rho1, rho2 = simulate(layers, gaps["corrected"], STEP_TIME_S, step)
     coefficients_as_printed = printed_coefficients(layers.relative, gaps["published"])
     printed = closed_form(coefficients_as_printed, 0.0, printed=True).charges(PRINTED_TIME_S[:, None])
     return {
-        "corrected": Charges(STEP_TIME_S, right.rho1_c_per_m2 * volts, right.rho2_c_per_m2 * volts),
+        "corrected": Charges(STEP_TIME_S, rho1 * volts, rho2 * volts),
         "published": Charges(PRINTED_TIME_S, EPS0 * printed[0] * volts, EPS0 * printed[1] * volts),
     }
 

@@ -6,6 +6,7 @@ import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -82,33 +83,28 @@ def figure7(models: Mapping[str, TouchModel]) -> Reproduced:
 def figure8(models: Mapping[str, TouchModel]) -> Reproduced:
     """Four parameters changed by half, and elasticities."""
     found = {name: numbers.sensitivities(model) for name, model in models.items()}
-    rows = [(name, parameter, s) for name, each in found.items() for parameter, s in each.items()]
-    tables = {"figure-8.csv": _sensitivity(rows), "figure-8-elasticities.csv": _elasticities(found)}
+    parts = [_changes(name, parameter, s) for name, each in found.items() for parameter, s in each.items()]
+    elasticities: Columns = {"frequency_hz": numbers.PAPER_HZ}
+    for name, each in found.items():
+        elasticities |= {f"{parameter}_{name}": s.elasticity for parameter, s in each.items()}
+    tables: dict[str, Columns] = {
+        "figure-8.csv": {column: [x for part in parts for x in part[column]] for column in parts[0]},
+        "figure-8-elasticities.csv": elasticities,
+    }
     return Reproduced(tables, drawing.figure8(found), facts.of_sensitivity(found))
 
 
-def _sensitivity(rows: Sequence[tuple[str, str, Sensitivity]]) -> Columns:
-    def joined(column: Callable[[Sensitivity], Array]) -> Array:
-        return np.concatenate([column(s) for _, _, s in rows])
-
+def _changes(name: str, parameter: str, s: Sensitivity) -> dict[str, Sequence[Any]]:
     return {
-        "equations": [name for name, _, s in rows for _ in s.frequency_hz],
-        "parameter": [parameter for _, parameter, s in rows for _ in s.frequency_hz],
-        "frequency_hz": joined(lambda s: s.frequency_hz),
-        "force_minus_50_percent_n": joined(lambda s: s.lower_n),
-        "force_nominal_n": joined(lambda s: s.nominal_n),
-        "force_plus_50_percent_n": joined(lambda s: s.higher_n),
-        "change_minus_50_percent": joined(lambda s: s.lower_percent),
-        "change_plus_50_percent": joined(lambda s: s.higher_percent),
+        "equations": [name] * s.frequency_hz.size,
+        "parameter": [parameter] * s.frequency_hz.size,
+        "frequency_hz": s.frequency_hz.tolist(),
+        "force_minus_50_percent_n": s.lower_n.tolist(),
+        "force_nominal_n": s.nominal_n.tolist(),
+        "force_plus_50_percent_n": s.higher_n.tolist(),
+        "change_minus_50_percent": s.lower_percent.tolist(),
+        "change_plus_50_percent": s.higher_percent.tolist(),
     }
-
-
-def _elasticities(found: Mapping[str, Mapping[str, Sensitivity]]) -> Columns:
-    """d ln F/d ln x, a column per parameter and set of equations."""
-    columns: Columns = {"frequency_hz": numbers.PAPER_HZ}
-    for name, each in found.items():
-        columns |= {f"{parameter}_{name}": s.elasticity for parameter, s in each.items()}
-    return columns
 
 
 def _contact(found: Touching, name: str) -> Columns:

@@ -43,16 +43,14 @@ def answer(path: str) -> Answer:
         found = diagnose(read_model(MODEL), read_measurements(Path(path)))
     except Exception as error:
         return Answer("error", (), (), "none", 0.0, "none", "none", repr(error))
-    if found.verdict is None or found.weighed is None:
+    if found.findings is None:
         return Answer("not_testable", (), (), "none", 0.5, "none", "none")
-    verdict = found.verdict
+    verdict, weighed = found.findings.verdict, found.findings.weighed
     named = verdict.verdict in ("effect_found", "ambiguous")
     names = tuple(kind.name for kind in verdict.chosen.kinds) if named else ()
     group = tuple(name for members in verdict.group.values() for name in members) if named else ()
     top, probability = next(iter(verdict.probabilities.items()))
-    return Answer(
-        verdict.verdict, names, group, top, probability, _aicc(found.weighed, found.data.count), _chi2(found.weighed)
-    )
+    return Answer(verdict.verdict, names, group, top, probability, _aicc(weighed, found.data.count), _chi2(weighed))
 
 
 def _aicc(weighed: Any, n: int) -> str:

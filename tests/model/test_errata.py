@@ -17,7 +17,7 @@ from scipy.integrate import quad
 
 from model.conditions import Conditions
 from model.contact.gap_distribution import area_ratio, mean_gap
-from model.contact.gap_table import gap_integrals
+from model.contact.gap_table import gap_mass, integrals_of
 from model.contact.roughness import contact_length_m, r_of_hurst
 from model.electric.charges import Layers, coefficients, constant_layers, simulate
 from model.electric.closed_forms import closed_form
@@ -179,7 +179,7 @@ def test_constants_that_follow_the_drive_break_superposition(models) -> None:
     gap = np.array([66.6e-6])
 
     def charge(volt: np.ndarray, at_hz: float) -> np.ndarray:
-        return simulate(constant_layers(d.values, d.dielectric, at_hz), gap, time, volt).rho2_c_per_m2[:, 0]
+        return simulate(constant_layers(d.values, d.dielectric, at_hz), gap, time, volt)[1][:, 0]
 
     one_system = charge(low, 250.0) + charge(high, 250.0)
     np.testing.assert_allclose(charge(low + high, 250.0), one_system, rtol=1e-9, atol=1e-9 * np.abs(one_system).max())
@@ -217,7 +217,9 @@ def test_pressure_is_already_an_average_over_the_nominal_area(at, stack_of) -> N
     force_n = at.model.predict(Conditions(*(np.array([x]) for x in (F_HZ, V, LOAD_N)))).electrostatic_force_n[0]
     s, h_rms, pressure_pa = stack_of(at.model, np.array([F_HZ])), 22e-6, P0_PA + force_n / 1e-4
     a, b = 1.0 + s.leak_per_m_pa[0] * pressure_pa * s.h_m[0], s.k_gap[0] * s.h_m[0]
-    mean_square = gap_integrals(at.model.table.shape, pressure_pa / at.scale_pa, np.array([b / a / h_rms]))[0][0]
+    mean_square = integrals_of(gap_mass(at.model.table.shape, pressure_pa / at.scale_pa), np.array([b / a / h_rms]))[0][
+        0
+    ]
     stress_pa = EPS0 / 4.0 * V**2 * mean_square / (h_rms * abs(a)) ** 2
     assert force_n == pytest.approx(1e-4 * stress_pa, rel=1e-4)  # interpolation
     assert float(area_ratio(at.model.table.shape, pressure_pa / at.scale_pa)) < 3e-4

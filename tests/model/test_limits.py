@@ -11,8 +11,8 @@ import pytest
 
 from model.conditions import Conditions
 from model.contact.gap_distribution import gap_distribution
-from model.contact.gap_table import gap_integrals
-from model.electric.charges import coefficients, constant_layers, fields
+from model.contact.gap_table import gap_mass, integrals_of
+from model.electric.charges import coefficients, constant_layers
 from model.electric.dielectrics import EPS0
 
 V, LOAD_N = 75.0, 0.5
@@ -36,7 +36,9 @@ def test_a_stuck_finger_is_a_sliding_one_without_gap(models) -> None:
     f = 1e4
     layers, jw = constant_layers(d.values, d.dielectric, f), 2j * np.pi * f
     rho1, rho2 = coefficients(layers, 1e-15).response(jw)
-    field = V * fields(layers, 1e-15, 1.0, rho1, rho2).insulator
+    insulator, gap, skin = layers.elastances(1e-15)
+    displacement = (1.0 + insulator * rho1 - skin * rho2) / (insulator + gap + skin)  # of the gap, (10)
+    field = V * (displacement - rho1) / layers.insulator_permittivity_f_per_m  # of the insulator, (9)
     current = abs((layers.insulator_conductivity_s_per_m + jw * layers.insulator_permittivity_f_per_m) * field)
     stuck = models["reference"].predict(at(f)).stuck_current_rms_a[0]
     assert stuck == pytest.approx(current * 1e-4 / np.sqrt(2.0), rel=1e-6)  # a gap of 1e-15 m beside 0.4 um
@@ -65,7 +67,7 @@ def test_wide_gaps_are_a_plate_capacitor(models, scales_of) -> None:
     """A stack far thicker than the roughness sees the mean gap only: K -> 1/z^2."""
     model = models["reference"]
     z = 1e3 * np.ones(1, complex)  # in h_rms
-    k_hat, _ = gap_integrals(model.table.shape, 5e3 / scales_of(model).pressure_pa, z)
+    k_hat, _ = integrals_of(gap_mass(model.table.shape, 5e3 / scales_of(model).pressure_pa), z)
     gap = gap_distribution(model.table.shape, 5e3 / scales_of(model).pressure_pa)
     expected = (1.0 - gap.area_ratio) / (1e3 + gap.mean_gap) ** 2
     assert k_hat[0] == pytest.approx(expected, rel=3e-4)  # mass 2e-4, mean 1 % of 2e-3, spread (1/1e3)^2

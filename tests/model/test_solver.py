@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.contact.gap_table import GapTable, axis, gap_integrals, gap_nodes
+from model.contact.gap_table import GapTable, axis, gap_mass, gap_nodes, integrals_of
 from model.contact.resolution import LOG_P_AXIS
 from model.contact.roughness import SelfAffineShape
 from model.electric.circuit import GapCircuit
@@ -40,7 +40,7 @@ def gain_by_quadrature(scales_of, stack_of):
         z = s.k_gap[0] * s.h_m[0] / a
         z = complex(z.real, abs(z.imag))
         z_hat = np.array([z / scales.length_m])
-        k_hat = gap_integrals(model.table.shape, pressure_pa / scales.pressure_pa, z_hat)[0][0]
+        k_hat = integrals_of(gap_mass(model.table.shape, pressure_pa / scales.pressure_pa), z_hat)[0][0]
         return 0.5 * EPS0 * float(k_hat) / (scales.length_m * abs(a)) ** 2
 
     return gain

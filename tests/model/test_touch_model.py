@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from model import solver
 from model.conditions import Conditions
 from model.contact.gap_distribution import gap_distribution
-from model.contact.gap_table import gap_integrals
+from model.contact.gap_table import gap_mass, integrals_of
 from model.effects import CATALOGUE
 from model.electric.dielectrics import EPS0, GABRIEL_WET, ColeCole
 from model.electric.layers import branch, leak_per_m_pa
@@ -40,8 +40,8 @@ def k_by_quadrature(scales_of):
 
     def k(model: TouchModel, pressure_pa: float, z_m: complex) -> float:
         scales = scales_of(model)
-        k_hat = gap_integrals(
-            model.table.shape, pressure_pa / scales.pressure_pa, np.array([z_m / scales.length_m], complex)
+        k_hat = integrals_of(
+            gap_mass(model.table.shape, pressure_pa / scales.pressure_pa), np.array([z_m / scales.length_m], complex)
         )
         return float(k_hat[0][0]) / scales.length_m**2
 

@@ -10,7 +10,7 @@ from model.contact import gap_table as module
 from model.contact import resolution
 from model.contact.gap_distribution import area_ratio
 from model.contact.gap_integrals import k_hat, l_hat
-from model.contact.gap_table import GapTable, gap_integrals, gap_table
+from model.contact.gap_table import GapTable, gap_mass, gap_table, integrals_of
 from model.contact.resolution import LOG_P_AXIS
 from model.contact.roughness import SelfAffineShape
 
@@ -25,7 +25,7 @@ def look_up(table: GapTable, p_hat: float, z_hat: complex) -> tuple[float, compl
 
 
 def direct(shape: SelfAffineShape, p_hat: float, z_hat: complex) -> tuple[float, complex]:
-    k, l = gap_integrals(shape, p_hat, np.array([z_hat], dtype=complex), 0.05)  # noqa: E741
+    k, l = integrals_of(gap_mass(shape, p_hat, 0.05), np.array([z_hat], dtype=complex))  # noqa: E741
     return float(k[0]), complex(l[0])
 
 
@@ -148,17 +148,17 @@ def test_beyond_its_pressures_the_table_holds_its_ends(models) -> None:
 def test_grid_of_magnifications_has_converged() -> None:
     z = np.array([1e-6, 1e-3 * np.exp(0.5j), 1.0j, 30.0])
     for p_hat in (1e-4, 0.02, 1.0):
-        coarse, fine = (gap_integrals(SHAPE, p_hat, z, step) for step in (0.2, 0.05))
+        coarse, fine = (integrals_of(gap_mass(SHAPE, p_hat, step), z) for step in (0.2, 0.05))
         np.testing.assert_allclose(coarse[0], fine[0], rtol=1e-5)  # a tenth of what interpolation may cost
         np.testing.assert_allclose(coarse[1], fine[1], rtol=1e-5)
 
 
 def test_grid_of_gaps_has_converged(monkeypatch: pytest.MonkeyPatch) -> None:
     z = np.array([1e-6, 1e-3 * np.exp(0.5j), 1.0j, 30.0])
-    k, l = gap_integrals(SHAPE, 0.02, z)  # noqa: E741
+    k, l = integrals_of(gap_mass(SHAPE, 0.02), z)  # noqa: E741
     low, high, step = module.LOG_U_AXIS
     monkeypatch.setattr(module, "LOG_U_AXIS", (low, high, 0.31 * step))
-    finer_k, finer_l = gap_integrals(SHAPE, 0.02, z)
+    finer_k, finer_l = integrals_of(gap_mass(SHAPE, 0.02), z)
     np.testing.assert_allclose(k, finer_k, rtol=1e-6)  # the same trapezoid rule on other nodes
     np.testing.assert_allclose(l, finer_l, rtol=1e-6)
 
@@ -303,7 +303,7 @@ def test_the_tables_step_of_pressure_is_of_fourth_order(models, name: str) -> No
     weights = np.array([-1.0, 9.0, 9.0, -1.0]) / 16.0
 
     def log_k(log_p: float) -> float:
-        return float(np.log(gap_integrals(shape, float(np.exp(log_p)), np.array([0.03 + 0.01j]))[0][0]))
+        return float(np.log(integrals_of(gap_mass(shape, float(np.exp(log_p))), np.array([0.03 + 0.01j]))[0][0]))
 
     for middle in np.log([5e-3, 2e-2, 0.1]):
         errors = []

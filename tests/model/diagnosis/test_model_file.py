@@ -11,13 +11,16 @@ import pytest
 
 from model.description import ModelDescription, read_model
 from model.diagnosis.data import Array, Measurements
-from model.diagnosis.fit import Fit
+from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.model_file import fitted_effects, fitted_nuisances, write_model
 from model.diagnosis.naming import Candidate
+from model.diagnosis.noise import Noise
+from model.diagnosis.proof import Proof
 from model.diagnosis.rival import Evidence
 from model.diagnosis.space import FINGER, NUISANCES, Predictor
 from model.diagnosis.verdict import Verdict, Weighed
-from model.diagnosis.workflow import Diagnosis
+from model.diagnosis.where import Disagreement
+from model.diagnosis.workflow import Diagnosis, Findings
 from model.effects import BY_NAME, Effect
 from model.electric.dielectrics import GABRIEL_WET, ColeCole, Dielectric, PowerLaw, Tabulated
 from model.parameters import Parameter
@@ -52,8 +55,15 @@ def diagnosis(verdict: str | None, *names: str) -> Diagnosis:
     kinds = tuple(BY_NAME[name] for name in names)
     probabilities = {"none": 0.01, "unknown": 0.01} | {name: 0.98 / len(names) for name in names}
     base, chosen = found(()), found(kinds)
-    reached = Verdict(verdict, True, chosen, probabilities, {n: [] for n in names}, ("why",)) if verdict else None
-    return Diagnosis(measurements(), None, reached, Weighed(base, [], []), None, None, None, None, None, (), 7)
+    data, findings = measurements(), None
+    if verdict is not None:
+        reached = Verdict(verdict, True, chosen, probabilities, {n: [] for n in names}, ("why",))
+        scan, nothing = Disagreement((), 1.0, 1.0, 0.0), np.empty(0)
+        proof = Proof("block", (), nothing, nothing, 0.0, (0.0, 0.0), 0.0)
+        noise = Noise(np.ones(3), np.eye(3), 6.0, "cof_std", 0, 0.0, np.ones(3))
+        problem = Problem(Predictor(read_model(REFERENCE), data), np.zeros(3), noise)
+        findings = Findings(problem, Weighed(base, [], []), reached, scan, scan, proof)
+    return Diagnosis(data, None, findings, (), 7)
 
 
 @pytest.mark.parametrize("dielectric", [GABRIEL_WET, POWER_LAW, TABLE], ids=["named", "power law", "user's own table"])
@@ -71,8 +81,8 @@ def test_every_kind_of_dielectric_reads_back_to_the_same_physics(
 
 def test_the_file_predicts_what_the_fit_did(finger: ModelDescription, tmp_path: Path) -> None:
     found = diagnosis("effect_found", "amplifier_bandwidth")
-    assert found.verdict is not None
-    chosen = found.verdict.chosen.fit
+    assert found.findings is not None
+    chosen = found.findings.verdict.chosen.fit
     write_model(found, finger, tmp_path / "model.toml", "d.csv")
     expected = Predictor(finger, found.data).log_cof(chosen.kinds, chosen.vector[None])
     read = Predictor(read_model(tmp_path / "model.toml"), found.data, FINGER).log_cof((), np.zeros((1, 4)))

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,24 +81,25 @@ def test_measuring_the_proposals_tells_which(separable: tuple[Diagnosis, list[di
     every = np.vstack([settings, new])
     cof = _friction(every, "load_dependent_friction", exponent=0.8)
     again = diagnose(FINGER, _measured(cof, every, np.append(session, np.full(len(new), 3.0))))
-    assert found.verdict is not None
-    assert again.verdict is not None
-    assert again.verdict.chosen.name == "load_dependent_friction"
-    assert found.verdict.probabilities["capillary_adhesion"] > 0.2
-    assert again.verdict.probabilities["capillary_adhesion"] < 0.15
-    assert again.verdict.probabilities["load_dependent_friction"] > 0.8
+    assert found.findings is not None
+    assert again.findings is not None
+    before, after = found.findings.verdict, again.findings.verdict
+    assert after.chosen.name == "load_dependent_friction"
+    assert before.probabilities["capillary_adhesion"] > 0.2
+    assert after.probabilities["capillary_adhesion"] < 0.15
+    assert after.probabilities["load_dependent_friction"] > 0.8
 
 
 def test_proposals_beat_settings_taken_at_random(separable: tuple[Diagnosis, list[dict[str, Any]]]) -> None:
     found, proposed = separable
-    assert found.problem is not None
-    (first, _), (second, _) = design._leaders(found)[:2]
+    assert found.findings is not None
+    (first, _), (second, _) = design._leaders(found.findings)[:2]
     allowed = design._settings(found.data, [first, second])
     rng, reached = np.random.default_rng(0), []
     for _ in range(12):
         rows = np.isin(np.arange(allowed.count), rng.choice(allowed.count, len(proposed), replace=False))
-        measured = design._extended(found, FINGER, found.problem, allowed.subset(rows))
-        reached.append(design._separation(measured, first, second))
+        measured = design._extended(found.data, FINGER, found.findings.problem, allowed.subset(rows))
+        reached.append(design.separation(measured, first, second))
     assert proposed[0]["lambda_after"] > 2.0 * np.median(reached)
     assert proposed[0]["lambda_after"] > 0.9 * max(reached)
 
@@ -126,8 +126,8 @@ def test_what_has_no_name_is_measured_again_where_it_is_strongest() -> None:
     odd = np.where(v > 0.0, 0.2 * np.sin(2.2 * np.log(f)) + 0.1 * np.sin(6.0 * n), 0.0)
     found = diagnose(FINGER, _measured(_friction(settings, "") * np.exp(odd), settings, session))
     assert found.name == "unexplained"
-    assert found.before is not None
-    region = found.before.regions[0]
+    assert found.findings is not None
+    region = found.findings.before.regions[0]
     proposed = next_experiments(found, FINGER)
     for axis, low, high in zip(region.axes, region.low, region.high, strict=True):
         assert low <= proposed[0][axis] <= high
@@ -148,8 +148,7 @@ def test_settings_to_come_leave_the_measured_rows_as_they_were() -> None:
     assert noise is not None
     problem = Problem(Predictor(FINGER, measured), np.log(measured.columns["cof"]), noise)
     chosen = Measurements(dict(zip(SETTING, settings[:2].T, strict=True)), np.zeros(2, np.intp), ("n",), None, "")
-    known = cast("Diagnosis", SimpleNamespace(data=measured))
-    wider = design._extended(known, FINGER, problem, chosen)
+    wider = design._extended(measured, FINGER, problem, chosen)
     gain = BY_NAME["drive_gain_error"]
     vector = np.append(np.zeros(len(NUISANCES)), 2.0)[None]
     before, after = (p.predictor.log_cof([gain], vector)[0] for p in (problem, wider))

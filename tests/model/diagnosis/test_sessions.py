@@ -87,8 +87,9 @@ def write(folder: Path, hidden: np.ndarray, noisier: float) -> Path:
 def test_an_effect_in_two_of_five_sessions_is_named_with_its_sessions(tmp_path) -> None:
     hidden = np.array([False, True, False, True, False])
     found = diagnose(read_model(MODEL), read_measurements(write(tmp_path, hidden, 1.0)))
-    assert found.verdict is not None
-    named = {found.verdict.chosen.name, *found.verdict.group.get(found.verdict.chosen.name, [])}
+    assert found.findings is not None
+    verdict = found.findings.verdict
+    named = {verdict.chosen.name, *verdict.group.get(verdict.chosen.name, [])}
     assert "amplifier_bandwidth" in named
     assert found.name in ("effect_found", "ambiguous")
     assert any("shows in b, d only" in warning for warning in found.warnings)
@@ -109,7 +110,7 @@ def test_noise_that_hardly_forgets_is_taken_into_account_once(tmp_path) -> None:
     noise = noise_of(slow)
     assert noise is not None
     warnings: list[str] = []
-    found = workflow._base(read_model(MODEL), slow, noise, warnings).noise
+    found = workflow._base(read_model(MODEL), slow, noise, warnings).problem.noise
     assert found.correlation > 0.6
     assert sum("correlated" in said for said in warnings) == 1
 

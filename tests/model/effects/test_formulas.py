@@ -9,7 +9,7 @@ import pytest
 from model import effects as e
 from model.conditions import Conditions
 from model.contact.gap_distribution import gap_distribution
-from model.contact.gap_table import gap_integrals
+from model.contact.gap_table import gap_mass, integrals_of
 from model.effects import BY_NAME
 from model.electric.dielectrics import EPS0, GABRIEL_DRY, GABRIEL_WET
 from model.friction import cof
@@ -189,7 +189,7 @@ def k_hat(model: TouchModel, pressure_pa: float, z_m: complex) -> float:
     v = model.description.values
     scale_pa = v.effective_modulus_pa * v.roll_off_wavenumber_per_m * v.roughness_rms_m
     z = np.array([z_m / v.roughness_rms_m], complex)
-    return float(gap_integrals(model.table.shape, pressure_pa / scale_pa, z)[0][0]) / v.roughness_rms_m**2
+    return float(integrals_of(gap_mass(model.table.shape, pressure_pa / scale_pa), z)[0][0]) / v.roughness_rms_m**2
 
 
 class TestElectrodePolarization:

@@ -1,4 +1,4 @@
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from model.contact.gap_table import gap_integrals, gap_mass, gap_nodes
-from model.electric.charges import Layers, coefficients, constant_layers, fields, simulate
+from model.contact.gap_table import gap_mass, gap_nodes, integrals_of
+from model.electric import charges
+from model.electric.charges import Layers, coefficients, constant_layers
 from model.electric.closed_forms import closed_form
 from model.electric.dielectrics import EPS0
 from model.solver import solve
@@ -16,6 +17,46 @@ from model.support.errors import ModelError
 FINGERS = ("reference", "table1")
 GAP_M = np.array([1e-8, 1e-6, 44e-6])
 KEY_HZ, KEY_V = 250.0, 75.0
+
+
+@dataclass(frozen=True)
+class Fields:
+    """Fields of insulator, gap and skin in V/m, all of one shape."""
+
+    insulator: np.ndarray
+    gap: np.ndarray
+    skin: np.ndarray
+
+
+@dataclass(frozen=True)
+class Transient:
+    """Charge densities in C/m^2 and fields in V/m over time, [t, n] for t times and n gaps."""
+
+    rho1_c_per_m2: np.ndarray
+    rho2_c_per_m2: np.ndarray
+    fields: Fields
+
+    @property
+    def pressure_pa(self) -> np.ndarray:
+        """Electrostatic pressure (28) of each gap, eps0/2 E_g^2, at each moment [t, n]."""
+        return 0.5 * EPS0 * self.fields.gap**2
+
+
+def fields(layers: Layers, gap_m: np.ndarray, voltage_v: np.ndarray, rho1: np.ndarray, rho2: np.ndarray) -> Fields:
+    """(9)-(11): fields under a voltage and interface charges; everything broadcasts."""
+    l1, lg, l2 = layers.elastances(gap_m)
+    displacement = (voltage_v + l1 * rho1 - l2 * rho2) / (l1 + lg + l2)  # eps_g E_g
+    return Fields(
+        insulator=(displacement - rho1) / layers.insulator_permittivity_f_per_m,
+        gap=displacement / layers.air_permittivity_f_per_m,
+        skin=(displacement + rho2) / layers.skin_permittivity_f_per_m,
+    )
+
+
+def simulate(layers: Layers, gap_m: np.ndarray, time_s: np.ndarray, voltage_v: np.ndarray) -> Transient:
+    """The charges that the model finds, with their fields by (9)-(11)."""
+    rho1, rho2 = charges.simulate(layers, gap_m, time_s, voltage_v)
+    return Transient(rho1, rho2, fields(layers, gap_m, voltage_v[:, None], rho1, rho2))
 
 
 def sine(amplitude_v: float, frequency_hz: float, time_s: np.ndarray) -> np.ndarray:
@@ -324,7 +365,9 @@ class TestPressure:
         model, layers = models["reference"], layers_of()
         scales = scales_of(model)
         z = 1e-6 / 3.9 + 200e-6 * EPS0 / layers.skin_permittivity_f_per_m
-        k_hat, _ = gap_integrals(model.table.shape, 6e3 / scales.pressure_pa, np.array([z / scales.length_m], complex))
+        k_hat, _ = integrals_of(
+            gap_mass(model.table.shape, 6e3 / scales.pressure_pa), np.array([z / scales.length_m], complex)
+        )
         got = mean_pressure_pa(model, layers, 6e3, np.array([0.0]), np.array([KEY_V]))
         expected = 0.5 * EPS0 * KEY_V**2 * k_hat[0] / scales.length_m**2
         assert got[0] == pytest.approx(expected, rel=1e-12)  # the same rule on the same nodes
