@@ -23,6 +23,7 @@ from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.errors import HapticError
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.shared_memory import SharedState
+from haptic_driver.rig.rig import require_verified
 from haptic_driver.rig.states import RigState
 from hw.errors import DeviceError
 
@@ -98,10 +99,7 @@ class Supervisor:
         if silent := self.silent():
             raise RefusedError("not_ready", silent, "check the sensors; look at the events")
         config = settings.config
-        if open_facts := config.unverified:
-            said = f"the file of rig {config.name} leaves open: {'; '.join(open_facts)}"
-            hint = "measure them, write them down with who measured them and when, and start the daemon again"
-            raise RefusedError("unverified", said, hint)
+        require_verified(config)
         if not (config.simulated or self.real_time or settings.allow_no_rt):
             said = "render was not granted real-time scheduling, and this rig is real"
             hint = "allow it (LimitRTPRIO, LimitMEMLOCK), or start the daemon with --allow-no-rt"

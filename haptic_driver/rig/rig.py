@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from typing import NamedTuple
 
 from haptic_driver.errors import HapticError
-from haptic_driver.rig.config import RigConfig, SafetySettings
+from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.states import Happening, RigEvent, RigState, Withdrawn
 from haptic_driver.rig.switch import OutputSwitch
@@ -74,7 +74,7 @@ class Rig:
         on_event: Callable[[RigEvent], None] = lambda event: None,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._config = config
+        self._config, self._safety = config, config.safety
         self._generator = generator
         self._amplifier = amplifier
         self._force_sensor = force_sensor
@@ -97,11 +97,6 @@ class Rig:
     def events(self) -> Sequence[RigEvent]:
         """The last changes of state, oldest first."""
         return tuple(self._states.events)
-
-    @property
-    def safety(self) -> SafetySettings:
-        """When it stops trusting its caller or its devices."""
-        return self._config.safety
 
     def connect(self) -> None:
         """Identify and set up the generator with its output off and the amplifier disabled."""
@@ -212,7 +207,7 @@ class Rig:
 
     def _refresh(self, time_s: float) -> None:
         self._refreshed_s = time_s
-        if not 0.0 <= time_s - self._beaten_s < self.safety.beat_interval_s:
+        if not 0.0 <= time_s - self._beaten_s < self._safety.beat_interval_s:
             self._beaten_s = time_s
             for heartbeat in self._heartbeats:
                 heartbeat.beat()
@@ -222,13 +217,13 @@ class Rig:
     def _lapse(self, time_s: float) -> None:
         """Off when nobody refreshed the output for a lease; the next command starts again from the minimum."""
         silent_s = time_s - self._refreshed_s
-        if self._switch.may_be_on and not silent_s <= self.safety.lease_s * ROUNDING:
+        if self._switch.may_be_on and not silent_s <= self._safety.lease_s * ROUNDING:
             self._states.happens(Happening.LAPSED, f"not refreshed for {silent_s:.3g} s")
             self.off()
 
     def _stay_off(self, time_s: float) -> None:
         """Switch off what is on; try again, not too often, what did not say off."""
-        retry = not 0.0 <= time_s - self._tried_off_s < self.safety.off_retry_s
+        retry = not 0.0 <= time_s - self._tried_off_s < self._safety.off_retry_s
         if self._switch.may_be_on or (retry and not self._states.output.shown_off):
             self._tried_off_s = time_s
             evidence = self.off()

@@ -28,6 +28,7 @@ NORMAL_FORCE_N = 0.5  # of the finger on the screen
 SPEED_STEP_M_S = 1e-3  # the model is asked about whole millimetres per second: answers are kept
 FORCE_RATE_HZ = 1000.0
 START_MM = 5.0  # of the stage: homing takes a second
+REPLY_S = 0.1  # of the interlock box, which shares its processor with everything else here
 
 
 class ServedRig(RunningTogether):
@@ -86,7 +87,7 @@ def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
         update={
             "simulated": False,
             "waveform_generator": config.waveform_generator.model_copy(update={"resource": generator}),
-            "interlock": InterlockBox(kind="box", resource=endpoints["interlock"]),
+            "interlock": InterlockBox(kind="box", resource=endpoints["interlock"], reply_timeout_s=REPLY_S),
             "watchdog": WatchdogConfig(generator=generator, interlock=endpoints["interlock_tcp"]),
             "force_sensor": NetFtForceSensorConfig(
                 kind="net_ft", host=host, port=int(port), **SCALE._asdict(),

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from haptic_driver.daemon.messages import RefusedError
+from haptic_driver.errors import HapticError
 
 
 def refusal(call, *arguments):
     """Its error."""
-    with pytest.raises(RefusedError) as refused:
+    with pytest.raises(HapticError) as refused:
         call(*arguments)
     return refused.value
