@@ -52,8 +52,9 @@ def real(config: RigConfig, served: ServedRig) -> RigConfig:
 
 
 def plan(*settings: Setting, **changes: Any) -> Plan:
+    """Averages twice as long as they must last: the machine may be busy."""
     short = Plan(
-        name="short", settings=settings, randomise=False, voltage_off_every=1, settle_s=0.2, average_s=0.5, pause_s=0.0
+        name="short", settings=settings, randomise=False, voltage_off_every=1, settle_s=0.2, average_s=1.0, pause_s=0.0
     )
     return short.model_copy(update=changes)
 
