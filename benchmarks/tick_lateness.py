@@ -35,7 +35,7 @@ WANTED_RATIO, WANTED_S = 1.2, 5e-3
 EMPTY = """
 import sys
 import numpy as np
-from haptic_driver.processes import clock
+from haptic_driver.processes import real_time
 ticks = int(sys.argv[1])
 lateness_s = np.zeros(ticks)
 granted = real_time.enter()
