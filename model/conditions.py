@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from model.support.arrays import Array, Values
 from model.support.errors import ModelError, nearest
-from model.touch import SPEED_REFERENCE_M_S, Drive
+from model.touch import SINE_MEAN_SQUARE, SPEED_REFERENCE_M_S, Drive
 
 WAVEFORMS = ("sine", "square", "dc")
-SINE_MEAN_SQUARE = 0.5  # of amplitude 1 V; square waves and direct voltages have 1
+FINGERS = ("sliding", "resting", "none")
 RANGES = {
     "frequency_hz": (1e-3, 1e9, "Hz"),
     "voltage_v": (0.0, 1e5, "V"),
@@ -30,7 +30,9 @@ class Conditions:
 
     `voltage_v` is the amplitude at the electrode; where it is 0 the frequency is ignored. `waveform` holds names of
     `WAVEFORMS`; a square wave is treated at its fundamental, with the mean square of the whole wave. `voltage_offset_v`
-    is a steady bias added to it. `speed_m_s` and `time_s` matter to some effects only.
+    is a steady bias added to it. `speed_m_s` and `time_s` matter to some effects only. `finger` holds names of
+    `FINGERS`: a resting one has no speed, and softer skin (`TouchParameters.rest_softening`); without a finger nothing
+    is left but the stray capacitance. Only sliding fingers have kinetic friction.
     """
 
     frequency_hz: Array
@@ -40,14 +42,16 @@ class Conditions:
     waveform: NDArray[np.str_] | None = None
     speed_m_s: Array | None = None
     time_s: Array | None = None
+    finger: NDArray[np.str_] | None = None
 
     def __post_init__(self) -> None:
         """Refuse what has no physical meaning, naming the row."""
         wave = self._wave()
-        unknown = ~np.isin(wave, WAVEFORMS)
-        if unknown.any():
-            i = int(np.argmax(unknown))
-            raise ModelError(f"row {i + 1}: waveform '{wave[i]}' is unknown", nearest(str(wave[i]), list(WAVEFORMS)))
+        for name, words, known in (("waveform", wave, WAVEFORMS), ("finger", self._finger(), FINGERS)):
+            unknown = ~np.isin(words, known)
+            if unknown.any():
+                i = int(np.argmax(unknown))
+                raise ModelError(f"row {i + 1}: {name} '{words[i]}' is unknown", nearest(str(words[i]), list(known)))
         driven = np.asarray(self.voltage_v) != 0.0
         for name, (low, high, unit) in RANGES.items():
             if (given := getattr(self, name)) is not None:
@@ -63,6 +67,8 @@ class Conditions:
     def drive(self) -> Drive:
         """The same as the model's first stage takes it."""
         wave, voltage = self._wave(), np.asarray(self.voltage_v, dtype=np.float64)
+        finger = self._finger()
+        speed = SPEED_REFERENCE_M_S if self.speed_m_s is None else np.asarray(self.speed_m_s)
         direct = wave == "dc"
         offset = np.zeros_like(voltage) if self.voltage_offset_v is None else np.asarray(self.voltage_offset_v)
         voltage = np.where(direct, voltage + offset, voltage)  # two direct voltages are one
@@ -72,10 +78,15 @@ class Conditions:
             voltage_offset_v=np.where(direct, 0.0, offset),
             mean_square_factor=np.where(wave == "sine", SINE_MEAN_SQUARE, 1.0),
             normal_force_n=np.asarray(self.normal_force_n, dtype=np.float64),
-            speed_m_s=SPEED_REFERENCE_M_S if self.speed_m_s is None else np.asarray(self.speed_m_s),
+            speed_m_s=np.where(finger == "resting", 0.0, speed),
             time_s=0.0 if self.time_s is None else np.asarray(self.time_s),
             steady=direct.astype(np.float64),
+            touching=(finger != "none").astype(np.float64),
+            resting=(finger == "resting").astype(np.float64),
         )
+
+    def _finger(self) -> NDArray[np.str_]:
+        return np.full(np.shape(self.voltage_v), "sliding") if self.finger is None else np.asarray(self.finger)
 
     def _wave(self) -> NDArray[np.str_]:
         return np.full(np.shape(self.voltage_v), "sine") if self.waveform is None else np.asarray(self.waveform)

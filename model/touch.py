@@ -16,6 +16,7 @@ from model.parameters import TouchParameters
 from model.support.arrays import Array, Values
 
 SPEED_REFERENCE_M_S = 0.02  # of the paper's experiment; there effects of speed leave the base model as it is
+SINE_MEAN_SQUARE = 0.5  # of amplitude 1 V; square waves and direct voltages have 1
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,9 @@ class Drive:
     """What the experimenter sets: amplitude and bias at the amplifier's output, load, speed and time.
 
     `mean_square_factor` is 1/2 for a sine, 1 for a square wave or direct current; `steady` is 1 where `voltage_v`
-    itself is direct; `surface_voltage_v` stands on the insulator whatever is driven.
+    itself is direct; `voltage_phase_rad` is that of the electrode's voltage against the set one; `surface_voltage_v`
+    stands on the insulator whatever is driven. `touching` is 0 where there is no finger, `resting` 1 where it does not
+    slide.
     """
 
     frequency_hz: Values
@@ -34,7 +37,16 @@ class Drive:
     speed_m_s: Values
     time_s: Values
     steady: Values = 0.0
+    voltage_phase_rad: Values = 0.0
     surface_voltage_v: Values = 0.0
+    touching: Values = 1.0
+    resting: Values = 0.0
+
+    @property
+    def fundamental_v(self) -> Values:
+        """Complex peak phasor of the voltage's fundamental, 4/pi times a square wave's amplitude."""
+        is_square = (self.mean_square_factor > SINE_MEAN_SQUARE) & (self.steady == 0.0)
+        return np.where(is_square, 4.0 / np.pi, 1.0) * self.voltage_v * np.exp(1j * self.voltage_phase_rad)
 
     @property
     def mean_square_v2(self) -> Values:

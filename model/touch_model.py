@@ -11,7 +11,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model import friction, solver
 from model.conditions import Conditions, sines
@@ -23,7 +22,7 @@ from model.electric.circuit import GapCircuit
 from model.electric.dielectrics import EPS0, Dielectric
 from model.electric.layers import branch, leak_per_m_pa
 from model.parameters import FrictionLaw, TouchParameters
-from model.support.arrays import Array, Mask, Values
+from model.support.arrays import Array, ComplexArray, Mask, Values
 from model.touch import SPEED_REFERENCE_M_S, Attraction, Branch, Contact, Drive, Friction
 
 THEORY_PRESSURE_RATIO = 10.0  # the contact theory asks for pressures not too high: p_e up to this many times p0
@@ -34,14 +33,18 @@ class Prediction:
     """Answers for touches of any shape; NaN where the contact pulls in or the published equations fail.
 
     `pulled_in` marks what lies past the fold of V(p_e); `within_theory` is False where p_e exceeds 10 p0 or the
-    tabulated pressures, and where there is no equilibrium. `notes` say in words what the equations of a published
-    variant could not answer.
+    tabulated pressures, and where there is no equilibrium. `electrode_current_a` and `electrode_voltage_v` are complex
+    peak phasors of the fundamental, their phase that against the set voltage, the stray current included; the two rms
+    currents are the touch's alone, which safety limits are about. `cof` is NaN where no finger slides. `notes` say in
+    words what the equations of a published variant could not answer.
     """
 
     electrostatic_force_n: Array
     cof: Array
     current_rms_a: Array
     stuck_current_rms_a: Array
+    electrode_current_a: ComplexArray
+    electrode_voltage_v: ComplexArray
     pulled_in: Mask
     within_theory: Mask
     notes: tuple[str, ...] = ()
@@ -51,12 +54,16 @@ class Prediction:
 class PreparedTouch:
     """Touches [n] ready for the closed loop, and what the stages after it need.
 
-    `omega` and the amplifier's `rms_v` of each branch [n, c]; `shape` is that of the conditions.
+    `omega` and the amplifier's `rms_v` of each branch [n, c]; `electrode_v` the phasor of the voltage's fundamental,
+    `touch_area_m2` 0 without a finger, `stray_f` beside it, all [n]; `shape` is that of the conditions.
     """
 
     circuit: GapCircuit
     omega: Array
     rms_v: Array
+    electrode_v: ComplexArray
+    touch_area_m2: Array
+    stray_f: Array
     friction: Friction
     shape: tuple[int, ...]
 
@@ -73,7 +80,8 @@ def prepare(
     for effect in effects:
         drive = effect.drive(drive)
     branches = _branches(parameters, dielectric, set_frequency_hz, drive)
-    contact, laws = Contact(gap_shift_m=parameters.gap_offset_m), Friction()
+    softening = 1.0 + drive.resting * (parameters.rest_softening - 1.0)
+    contact, laws = Contact(gap_shift_m=parameters.gap_offset_m, modulus_factor=softening), Friction()
     for effect in effects:
         branches = [effect.stack(b, parameters, drive) for b in branches]
         contact = effect.contact(contact, parameters, drive)
@@ -124,7 +132,12 @@ def _broadcast(
         "added_pa": contact.added_pressure_pa,
         "field_limit_v_per_m": contact.field_limit_v_per_m,
     }
-    every = [value for fields in (vars(drive), shared, *by_branch) for value in fields.values()]
+    electrode = {
+        "electrode_v": drive.fundamental_v,
+        "touch_area_m2": drive.touching * parameters.contact_area_m2,
+        "stray_f": parameters.stray_capacitance_f,
+    }
+    every = [value for fields in (vars(drive), shared, electrode, *by_branch) for value in fields.values()]
     shape = np.broadcast_shapes(*(np.shape(value) for value in every))
 
     def rows(*values: Values) -> Any:
@@ -136,13 +149,30 @@ def _broadcast(
     columns = {name: rows(*(b[name] for b in by_branch)) for name in by_branch[0]}
     omega, rms_v = columns.pop("omega"), columns.pop("rms_v")
     circuit = GapCircuit(**{name: rows(value).ravel() for name, value in shared.items()}, **columns)
-    return PreparedTouch(circuit, omega, rms_v, laws, shape)
+    return PreparedTouch(
+        circuit,
+        omega,
+        rms_v,
+        **{name: rows(value).ravel() for name, value in electrode.items()},
+        friction=laws,
+        shape=shape,
+    )
 
 
 def cof(law: FrictionLaw, parameters: TouchParameters, touch: PreparedTouch, p_e_pa: Array, load_n: Values) -> Array:
     """Friction under the electrostatic pressure [n] and what else attracts, in the shape of the conditions."""
     attraction_n = (p_e_pa + touch.circuit.added_pa).reshape(touch.shape) * parameters.contact_area_m2
     return friction.cof(law, parameters.cof_off, attraction_n, load_n, touch.friction)
+
+
+def electrode_current_a(
+    table: GapTable, touch: PreparedTouch, gaps_per_m: ComplexArray, total_pa: Array
+) -> ComplexArray:
+    """Peak phasor in A in the shape of the conditions, of the gaps' admittance [n, c] under the pressure [n] in all."""
+    admittance = gaps_per_m[:, 0] + current.contact_admittance_per_m(table, touch.circuit, total_pa)
+    admittance = np.where(touch.touch_area_m2 > 0.0, admittance, 0.0)  # NaN of a touch that is none
+    electrode = touch.omega[:, 0], touch.electrode_v, touch.touch_area_m2, touch.stray_f
+    return current.electrode_current_a(admittance, *electrode).reshape(touch.shape)
 
 
 @dataclass(frozen=True)
@@ -185,17 +215,19 @@ class TouchModel:
         attraction = self._attraction(drive, touch)
         total_pa = circuit.load_pa + attraction.pressure_pa + circuit.added_pa
 
-        def amperes(admittance_per_m: NDArray[np.complex128]) -> Array:
+        def amperes(admittance_per_m: ComplexArray) -> Array:
             return current.current_rms_a(admittance_per_m, touch.omega, touch.rms_v, p.contact_area_m2)
 
-        sliding = amperes(current.sliding_admittance_per_m(self.table, circuit, total_pa))
-        stuck = amperes(current.stuck_admittance_per_m(circuit))
+        gaps_per_m = current.sliding_admittance_per_m(self.table, circuit, total_pa)
+        friction = cof(law, p, touch, attraction.force_n / p.contact_area_m2, drive.normal_force_n)
         within_theory = attraction.pressure_pa <= THEORY_PRESSURE_RATIO * circuit.load_pa
         return Prediction(
-            electrostatic_force_n=attraction.force_n.reshape(touch.shape),
-            cof=cof(law, p, touch, attraction.force_n / p.contact_area_m2, drive.normal_force_n),
-            current_rms_a=sliding.reshape(touch.shape),
-            stuck_current_rms_a=stuck.reshape(touch.shape),
+            electrostatic_force_n=drive.touching * attraction.force_n.reshape(touch.shape),
+            cof=np.where((drive.touching == 1.0) & (drive.resting == 0.0), friction, np.nan),
+            current_rms_a=drive.touching * amperes(gaps_per_m).reshape(touch.shape),
+            stuck_current_rms_a=amperes(current.stuck_admittance_per_m(circuit)).reshape(touch.shape),
+            electrode_current_a=electrode_current_a(self.table, touch, gaps_per_m, total_pa),
+            electrode_voltage_v=touch.electrode_v.reshape(touch.shape),
             pulled_in=attraction.pulled_in.reshape(touch.shape),
             within_theory=within_theory.reshape(touch.shape),
             notes=attraction.notes,

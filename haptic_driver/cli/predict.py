@@ -14,16 +14,19 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input, replacing
 from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
+from model.support.arrays import Array
 from model.support.errors import ModelError
 from model.support.tables import Table, read_table
 from model.touch import SPEED_REFERENCE_M_S
 from model.touch_model import Prediction, TouchModel
 
 REQUIRED = ("frequency_hz", "voltage_v", "normal_force_n")
-ADDED = ("electrostatic_force_n", "cof", "current_rms_a")
+ADDED = ("electrostatic_force_n", "cof", "current_rms_a", "current_a", "current_phase_rad")
+ELECTRODE = ("electrode_voltage_v", "electrode_voltage_phase_rad")  # where an effect of the drive changes it
 WHERE_EMPTY = {"voltage_offset_v": 0.0, "speed_m_s": SPEED_REFERENCE_M_S, "time_s": 0.0}  # optional columns
 WANTED = (
-    f"Give a CSV with columns {', '.join(REQUIRED)} (optional {', '.join(WHERE_EMPTY)}, waveform: sine, square, dc)"
+    f"Give a CSV with columns {', '.join(REQUIRED)} (optional {', '.join(WHERE_EMPTY)}, waveform: sine, square, dc; "
+    "finger: sliding, resting, none)"
 )
 MEASURED = "_measured"  # after the name of a column that an answer would replace
 
@@ -36,8 +39,11 @@ def predict(
 ) -> None:
     """Predict force, friction and current for a table of conditions.
 
-    Voltages are peak amplitudes at the electrode; where `voltage_v` is 0 the frequency is ignored. Every other column
-    is carried through; a measured `cof` as `cof_measured`. The answers of an earlier run are replaced.
+    Voltages are peak amplitudes at the electrode; where `voltage_v` is 0 the frequency is ignored. `current_rms_a` is
+    the touch's; `current_a` and `current_phase_rad` are the electrode's, peak and against the set voltage, with what
+    the model's stray capacitance takes. Where an effect of the drive changes the electrode's voltage, that is added
+    too. Every other column is carried through; a measured `cof` as `cof_measured`. The answers of an earlier run are
+    replaced.
 
     Example: `haptic predict --table conditions.csv --out out.csv --model reference`
     """
@@ -51,8 +57,9 @@ def predict(
         answer = TouchModel(description).predict(Conditions(**columns))
     except ModelError as error:
         raise BadInputError("bad_condition", f"{table}, {error.message}", error.hint) from error
-    kept = _kept(given)
-    _write(out, kept, given, answer)
+    answers = _answers(answer, any(effect.stage == "drive" for effect in description.effects))
+    kept = _kept(given, tuple(answers))
+    _write(out, kept, given, answers)
     for column, name in kept.items():
         if name != column:
             stderr.print(f"note: column {column} of {table} is kept as {name}; {column} is now the model's answer")
@@ -70,18 +77,30 @@ def _columns(table: Table) -> dict[str, Any]:
     columns: dict[str, Any] = {name: table.numbers(name) for name in ("voltage_v", "normal_force_n")}
     columns |= {name: table.numbers(name, empty) for name, empty in WHERE_EMPTY.items() if name in table.columns}
     without_frequency = columns["voltage_v"] == 0.0
+    if "finger" in table.columns:
+        columns["finger"] = np.array([text.lower() or "sliding" for text in table.text("finger")])
     if "waveform" in table.columns:
         columns["waveform"] = np.array([text.lower() or "sine" for text in table.text("waveform")])
         without_frequency |= columns["waveform"] == "dc"
     return {"frequency_hz": table.numbers("frequency_hz", ignored=without_frequency), **columns}
 
 
-def _kept(table: Table) -> dict[str, str]:
+def _answers(answer: Prediction, drive_changes: bool) -> dict[str, Array]:
+    """What is added, by column; the electrode's voltage where the drive changes what was set."""
+    current_a, electrode_v = answer.electrode_current_a, answer.electrode_voltage_v
+    values = (answer.electrostatic_force_n, answer.cof, answer.current_rms_a, np.abs(current_a), np.angle(current_a))
+    answers = dict(zip(ADDED, values, strict=True))
+    if drive_changes:
+        answers |= dict(zip(ELECTRODE, (np.abs(electrode_v), np.angle(electrode_v)), strict=True))
+    return answers
+
+
+def _kept(table: Table, added: tuple[str, ...]) -> dict[str, str]:
     """Columns to carry through, and the names they get: answers of an earlier run go, what was measured stays."""
     header = table.columns
     if all(name in header for name in ADDED):
-        return {name: name for name in header if name not in ADDED}
-    kept = {name: name + MEASURED if name in ADDED else name for name in header}
+        return {name: name for name in header if name not in (*ADDED, *ELECTRODE)}
+    kept = {name: name + MEASURED if name in added else name for name in header}
     for column, name in kept.items():
         if name != column and name in header:
             said = f"{table.path}: has both {column} and {name}"
@@ -89,11 +108,10 @@ def _kept(table: Table) -> dict[str, str]:
     return kept
 
 
-def _write(path: Path, kept: dict[str, str], table: Table, answer: Prediction) -> None:
+def _write(path: Path, kept: dict[str, str], table: Table, answers: dict[str, Array]) -> None:
     """As a whole: the table may be its own source."""
-    answers = np.column_stack([answer.electrostatic_force_n, answer.cof, answer.current_rms_a])
     with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow([*kept.values(), *ADDED])
-        for row, values in zip(table.rows, answers, strict=True):
+        writer.writerow([*kept.values(), *answers])
+        for row, values in zip(table.rows, np.column_stack(list(answers.values())), strict=True):
             writer.writerow([row[c] for c in kept] + [f"{v:.9g}" for v in values])

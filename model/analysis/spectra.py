@@ -14,7 +14,6 @@ from math import pi
 import numpy as np
 
 from model import solver
-from model.conditions import SINE_MEAN_SQUARE
 from model.contact.gap_integrals import stencil
 from model.contact.gap_table import gap_nodes
 from model.contact.resolution import LOG_P_AXIS
@@ -23,7 +22,7 @@ from model.electric.current import sliding_admittance_per_m, stuck_admittance_pe
 from model.electric.dielectrics import EPS0
 from model.support.arrays import Array, ComplexArray
 from model.support.errors import ModelError
-from model.touch import SPEED_REFERENCE_M_S, Drive
+from model.touch import SINE_MEAN_SQUARE, SPEED_REFERENCE_M_S, Drive
 from model.touch_model import PreparedTouch, TouchModel, prepare
 
 SQUARE_HARMONICS = 25  # odd ones; what is left out carries 0.8 % of the mean square

@@ -18,7 +18,10 @@ class AirBreakdown(Effect):
     name = "air_breakdown"
     stage = "pressure"
     physics = "air breaks down in the smallest gaps"
-    signature = "force saturates at high voltage, most where the gaps are smallest"
+    signature = (
+        "force saturates at high voltage, most where the gaps are smallest; the current follows the pressure only, "
+        "pulses of discharges are not modelled"
+    )
     check = "sweep the voltage: friction rises linearly at the end; look for light and a smell of ozone"
 
     breakdown_field_v_per_m: float = log_parameter("V/m", 5e7, 3.5, (1e4, 1e12), off=float("inf"))

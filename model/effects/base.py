@@ -65,7 +65,8 @@ class Effect:
     """The null effect: every stage unchanged. Candidates derive from it.
 
     `needs` names the optional data columns without which the effect leaves no trace; `signature` says what it looks
-    like in data, `check` what a person can do at the rig to see whether it is there.
+    like in friction and in the electrode's voltage and current, `check` what a person can do at the rig to see
+    whether it is there.
     """
 
     name: ClassVar[str] = "none"
@@ -88,7 +89,7 @@ class Effect:
         return cls(**{p.name: p.off for p in cls.parameters()})
 
     def drive(self, drive: Drive) -> Drive:
-        """What the amplifier makes of the set amplitude."""
+        """What the amplifier makes of the set amplitude, and how far it lags."""
         return drive
 
     def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:

@@ -17,7 +17,7 @@ class ContactAgeing(Effect):
     name = "contact_ageing"
     stage = "friction"
     physics = "the contact softens, moistens or wears in over time"
-    signature = "friction without voltage drifts along the measurement"
+    signature = "friction without voltage drifts along the measurement; no trace in the current"
     check = "repeat the first condition at the end"
     needs = ("time_s",)
 

@@ -15,7 +15,10 @@ class DriveGainError(Effect):
     name = "drive_gain_error"
     stage = "drive"
     physics = "the drive chain has another gain than configured"
-    signature = "force scales by one factor at every frequency; friction without voltage is right"
+    signature = (
+        "force scales by one factor at every frequency; friction without voltage is right; the electrode's voltage and "
+        "the current scale by it too, without a phase"
+    )
     check = "measure the electrode at 100 Hz with a high-impedance probe; read OUTP:LOAD?"
 
     gain: float = log_parameter("1", 1.0, 1.35, (0.1, 10.0), off=1.0)

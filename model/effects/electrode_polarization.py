@@ -17,7 +17,10 @@ class ElectrodePolarization(Effect):
     stage = "air gap"
     physics = "charge transfer and a double layer bridge the air gap"
     source = "10.1002/aisy.202300618; ranges unverified"
-    signature = "less force at low frequency, by a power of frequency"
+    signature = (
+        "less force at low frequency, by a power of frequency; current rises by that power, at a phase between 0 and "
+        "90 degrees that hardly changes"
+    )
     check = "measure the impedance of the touch between 10 Hz and 1 kHz; wipe finger and screen dry"
 
     transfer_resistance_ohm_m2: float = log_parameter("ohm m^2", 30.0, 8.0, (1e-6, 1e12), off=float("inf"))

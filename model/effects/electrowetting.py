@@ -17,7 +17,7 @@ class Electrowetting(Effect):
     name = "electrowetting"
     stage = "load"
     physics = "electrowetting of moisture adds to the load"
-    signature = "extra force at low frequency that saturates with voltage"
+    signature = "extra force at low frequency that saturates with voltage; more current there, as under more load"
     check = "wipe the finger dry; compare 10 Hz with 10 kHz"
 
     coefficient_pa_per_v2: float = log_parameter("Pa/V^2", 0.05, 4.0, (1e-9, 1e4), off=0.0)

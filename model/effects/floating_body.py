@@ -17,7 +17,10 @@ class FloatingBody(Effect):
     name = "floating_body"
     stage = "stack"
     physics = "the body floats on its capacitance to ground"
-    signature = "force falls at every frequency, least where leakage already limits it"
+    signature = (
+        "force falls at every frequency, least where leakage already limits it; less current, closer to 90 degrees, "
+        "most at low frequency"
+    )
     check = "put on a grounding strap"
 
     body_capacitance_f: float = log_parameter("F", 5e-10, 4.0, (1e-14, 1e-2), off=float("inf"))

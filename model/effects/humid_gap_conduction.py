@@ -17,7 +17,9 @@ class HumidGapConduction(Effect):
     name = "humid_gap_conduction"
     stage = "air gap"
     physics = "moist air and surface films conduct through the gap"
-    signature = "less force at low frequency, most for wide gaps and light loads"
+    signature = (
+        "less force at low frequency, most for wide gaps and light loads; there more current, in phase with the voltage"
+    )
     check = "blow dry air over the screen; change the room's humidity"
 
     gap_conductivity_s_per_m: float = log_parameter("S/m", 3e-9, 10.0, (1e-16, 1e2), off=0.0)

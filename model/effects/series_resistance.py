@@ -17,7 +17,10 @@ class SeriesResistance(Effect):
     name = "series_resistance"
     stage = "stack"
     physics = "a resistance in series with the touch takes voltage at high frequency"
-    signature = "force falls at high frequency, more under higher load"
+    signature = (
+        "force falls at high frequency, more under higher load; the touch's current ends at V/R, in phase with the "
+        "voltage, while the electrode's voltage stays"
+    )
     check = "measure the electrode film end to end; touch nearer to the contact of the electrode"
 
     resistance_ohm: float = log_parameter("ohm", 2e4, 8.0, (1e-2, 1e10), off=0.0)

@@ -17,7 +17,10 @@ class SkinHydration(Effect):
     stage = "stack"
     physics = "the stratum corneum holds more (w > 0) or less water"
     source = "Bjorklund 2013, PMC3686338, for the two factors"
-    signature = "less force at low frequency (more leakage), more force at high frequency"
+    signature = (
+        "less force at low frequency (more leakage), more force at high frequency; more current, closer to the "
+        "voltage's phase"
+    )
     check = "measure skin hydration (corneometer); wait or wash and dry the finger"
 
     wetness: float = linear_parameter("1", 0.0, 0.5, (-4.0, 4.0), off=0.0)

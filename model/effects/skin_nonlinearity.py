@@ -18,7 +18,10 @@ class SkinNonlinearity(Effect):
     name = "skin_nonlinearity"
     stage = "stack"
     physics = "the skin's conductivity rises with the voltage across it"
-    signature = "a change at low frequency that grows faster than V^2"
+    signature = (
+        "a change at low frequency that grows faster than V^2; there the current grows faster than V, and its phase "
+        "falls"
+    )
     check = "sweep the voltage at 10 Hz: friction rises less than with V^2"
 
     voltage_scale_v: float = log_parameter("V", 50.0, 6.0, (1e-3, 1e9), off=float("inf"))

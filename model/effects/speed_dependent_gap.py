@@ -19,7 +19,7 @@ class SpeedDependentGap(Effect):
     stage = "air gap"
     physics = "sliding lifts the skin off the screen"
     source = "Shultz 2018: the gap's impedance rises 100 to 1000 % when sliding; ranges unverified"
-    signature = "less force at higher speed, at every frequency"
+    signature = "less force at higher speed, at every frequency; less current there, but for the leak"
     check = "repeat at 5 and 50 mm/s"
     needs = ("speed_m_s",)
 

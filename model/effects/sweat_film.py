@@ -25,7 +25,10 @@ class SweatFilm(Effect):
     stage = "air gap"
     physics = "sweat fills a share of the air gap"
     source = "starting point of the catalogue; ranges unverified; mixing after Lichtenecker"
-    signature = "columns of sweat: less force, most at low frequency; films: narrower gaps, more force"
+    signature = (
+        "columns of sweat: less force, most at low frequency; films: narrower gaps, more force; more current either "
+        "way, for columns in phase with the voltage"
+    )
     check = "wipe the finger dry and repeat at once"
 
     share: float = log_parameter("1", 0.03, 5.0, (1e-9, 0.7), off=0.0)

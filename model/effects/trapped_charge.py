@@ -20,7 +20,9 @@ class TrappedCharge(Effect):
     name = "trapped_charge"
     stage = "pressure"
     physics = "charge is trapped on the screen's surface"
-    signature = "attraction that remains without voltage; polarity of a bias matters"
+    signature = (
+        "attraction that remains without voltage; polarity of a bias matters; the current follows the pressure only"
+    )
     check = "wipe the screen with a grounded damp cloth; reverse a steady voltage"
 
     surface_voltage_v: float = log_parameter("V", 20.0, 2.5, (1e-3, 1e4), off=0.0)

@@ -17,7 +17,7 @@ class VelocityDependentFriction(Effect):
     name = "velocity_dependent_friction"
     stage = "friction"
     physics = "skin friction is not Coulomb's in speed"
-    signature = "friction without voltage depends on speed"
+    signature = "friction without voltage depends on speed; no trace in the current"
     check = "measure friction without voltage at 5 and 50 mm/s"
     needs = ("speed_m_s",)
 

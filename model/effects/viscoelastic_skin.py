@@ -18,7 +18,9 @@ class ViscoelasticSkin(Effect):
     name = "viscoelastic_skin"
     stage = "contact"
     physics = "skin is viscoelastic"
-    signature = "less attraction at higher speed, friction without voltage unchanged"
+    signature = (
+        "less attraction at higher speed, friction without voltage unchanged; less current at higher speed, leak too"
+    )
     check = "repeat at 5 and 50 mm/s, with and without voltage"
     needs = ("speed_m_s",)
 

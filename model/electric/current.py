@@ -1,7 +1,8 @@
-"""Current through the finger: what the safety limits are about.
+"""Current through the finger, which safety limits are about, and through the electrode, which instruments see.
 
 Per area J(u) = (j w eps0 k_g/u + alpha) E(u) u, averaged over the gaps; the worst case (stuck or wet finger) is u -> 0
-everywhere, where only insulator and skin limit it.
+everywhere, where only insulator and skin limit it. The electrode's current is a phasor, counts the real contact
+(u = 0, some 1e-4 of the area and up to 1 % of the current) as well, and what flows beside the finger.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from model.contact.gap_integrals import TableArrays, l_hat
 from model.contact.gap_table import GapTable
 from model.electric.circuit import GapCircuit, divider
 from model.electric.dielectrics import EPS0
-from model.support.arrays import Array, ComplexArray
+from model.support.arrays import Array, ComplexArray, Values
 from model.support.compiled import in_slices, kernel
 
 
@@ -33,6 +34,13 @@ def sliding_admittance_per_m(table: GapTable, circuit: GapCircuit, total_pressur
     return result
 
 
+def contact_admittance_per_m(table: GapTable, circuit: GapCircuit, total_pressure_pa: Array) -> ComplexArray:
+    """The share of the real contact in it, where the gap is 0, for the alternating branch of each touch [n], 1/m."""
+    result = np.empty(total_pressure_pa.shape, dtype=np.complex128)
+    _contact_admittance(circuit, total_pressure_pa, table.shape.full_contact, result)
+    return result
+
+
 def stuck_admittance_per_m(circuit: GapCircuit) -> ComplexArray:
     """The same for the worst case, without any air gap."""
     return np.asarray(1.0 / circuit.h_m)
@@ -42,6 +50,24 @@ def current_rms_a(admittance_per_m: ComplexArray, omega: Array, rms_v: Array, ar
     """rms current in A of each touch [n] from its branches [n, c], whose currents differ in frequency."""
     branches = area_m2 * EPS0 * omega * np.abs(admittance_per_m) * rms_v
     return np.asarray(np.sqrt(np.sum(branches**2, axis=1)))
+
+
+def electrode_current_a(
+    admittance_per_m: ComplexArray, omega: Array, electrode_v: ComplexArray, area_m2: Values, stray_f: Values
+) -> ComplexArray:
+    """Peak phasor in A of the electrode's current, I = j w (eps0 A0 <J>/(j w eps0 V) + C_stray) V_e; all broadcast.
+
+    The stray capacitance lies between electrode and ground, before any series resistance.
+    """
+    return np.asarray(1j * omega * (EPS0 * area_m2 * admittance_per_m + stray_f) * electrode_v)
+
+
+@kernel
+def _contact_admittance(circuit: GapCircuit, pressure: Array, full_hat: float, result: ComplexArray) -> None:
+    for i in range(pressure.size):
+        beta, per_a, z = divider(circuit, i, 0, pressure[i])
+        share = math.erf(pressure[i] / circuit.pressure_scale_pa[i] / full_hat)  # of the area, (42)
+        result[i] = share * per_a * (beta + circuit.k_gap[i, 0] * per_a / z)
 
 
 @kernel

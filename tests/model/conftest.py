@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from scipy.special import erf, erfc
 from model.conditions import Conditions
 from model.contact.gap_table import gap_table
 from model.description import ModelDescription, read_model
+from model.effects import Effect
 from model.electric.circuit import GapCircuit
 from model.electric.layers import branch, leak_per_m_pa
 from model.touch_model import TouchModel, prepare
@@ -72,6 +73,31 @@ def variant(
         for name, value in changes.items():
             parameters[name] = replace(parameters[name], value=value)
         return fresh_tables(TouchModel(replace(description, parameters=parameters, **own)))
+
+    return make
+
+
+@dataclass(frozen=True)
+class Chosen(ModelDescription):
+    """A description whose effects are given as they are, in their order, and need not come from a file."""
+
+    chosen: tuple[Effect, ...] = ()
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        return self.chosen
+
+
+@pytest.fixture(scope="session")
+def with_effects(models: dict[str, TouchModel]) -> Callable[..., TouchModel]:
+    """A model of another (the reference by default) with these effects, on the same table."""
+
+    def make(*effects: Effect, base: TouchModel | None = None) -> TouchModel:
+        base = base or models["reference"]
+        own = {f.name: getattr(base.description, f.name) for f in fields(ModelDescription)}
+        model = TouchModel(Chosen(**own, chosen=effects))
+        model.__dict__["table"] = base.table
+        return model
 
     return make
 

@@ -1,43 +1,15 @@
-"""Models with any effects in any order, and touches of every kind."""
+"""Effects at their medians, and touches of every kind."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 import pytest
 
 from model.conditions import Conditions
-from model.description import ModelDescription
 from model.effects import Effect
-from model.touch_model import TouchModel
-
-
-@dataclass(frozen=True)
-class Chosen(ModelDescription):
-    """A description whose effects are given as they are, in their order, and need not come from a file."""
-
-    chosen: tuple[Effect, ...] = ()
-
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        return self.chosen
-
-
-@pytest.fixture(scope="session")
-def with_effects(models: dict[str, TouchModel]) -> Callable[..., TouchModel]:
-    """A model of another (the reference by default) with these effects, on the same table."""
-
-    def make(*effects: Effect, base: TouchModel | None = None) -> TouchModel:
-        base = base or models["reference"]
-        own = {f.name: getattr(base.description, f.name) for f in fields(ModelDescription)}
-        model = TouchModel(Chosen(**own, chosen=effects))
-        model.__dict__["table"] = base.table
-        return model
-
-    return make
 
 
 @pytest.fixture(scope="session")
