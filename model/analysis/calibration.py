@@ -97,12 +97,12 @@ def calibrate(description: ModelDescription, data: Measurements, also: Sequence[
         )
     if noise is None:
         raise ModelError("the noise of the data is not known", "Give a column cof_std, or measure settings repeatedly")
-    problem = Problem(Predictor(description, data, free), np.log(data.columns["cof"]), noise)
+    problem = Problem(Predictor(description, data, free), data.observed, noise)
     starts = [np.array([0.0 if n.name == "cof_off" else x for n in free]) for x in STARTS]
     fit = max((problem.fit([], start) for start in starts), key=lambda found: found.log_evidence)
     parameters = tuple(_fitted(description, n, fit, i) for i, n in enumerate(free))
     correlated = _correlated(free, fit)
-    predicted = np.exp(problem.predictor.log_cof([], fit.vector[None])[0])
+    predicted = np.exp(problem.predictor.predicted([], fit.vector[None])[0])
     return Calibration(
         model=_model(description, data, free, fit),
         parameters=parameters,
@@ -188,7 +188,7 @@ def _model(description: ModelDescription, data: Measurements, free: Sequence[Nui
         description,
         name=f"{description.name.removesuffix('-calibrated')}-calibrated",
         about=f"{description.name}, calibrated to one finger",
-        parameters=held | fitted_nuisances(description, fit, source, free),
+        parameters=held | fitted_nuisances(description, fit, free, source),
     )
 
 

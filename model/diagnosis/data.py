@@ -1,41 +1,61 @@
-"""Measured friction as the workflow reads it: one row per condition and repeat, checked before anything is fitted."""
+"""Measured data as the workflow reads them, checked before anything is fitted.
+
+A file has a row per condition and repeat; a data set has one per condition, repeat and witness: friction, the
+electrode's current and voltage, and their phases.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.conditions import WAVEFORMS, Conditions
+from model.conditions import FINGERS, WAVEFORMS, Conditions
+from model.diagnosis.witness import FRICTION, WITNESSES, Witness, observed, stated_std
 from model.support.arrays import Array, Mask
 from model.support.errors import ModelError, nearest
 from model.support.tables import Table, read_table
 
-REQUIRED = ("frequency_hz", "voltage_v", "normal_force_n", "cof")
-NUMERIC = (*REQUIRED, "cof_std", "speed_m_s", "time_s", "voltage_offset_v", "humidity_pct", "temperature_c")
+REQUIRED = ("frequency_hz", "voltage_v", "normal_force_n")
+OPTIONAL = ("speed_m_s", "time_s", "voltage_offset_v", "humidity_pct", "temperature_c")
+SPREADS = {  # of a witness's standard deviation
+    "cof_std": (1e-9, 20.0, ""),
+    "current_std_a": (1e-15, 100.0, "A"),
+    "current_phase_std_rad": (1e-6, 10.0, "rad"),
+    "electrode_voltage_std_v": (1e-9, 1e4, "V"),
+    "electrode_voltage_phase_std_rad": (1e-6, 10.0, "rad"),
+}
 RANGES = {
     "frequency_hz": (1e-3, 1e9, "Hz"),
     "voltage_v": (0.0, 1e4, "V"),
     "normal_force_n": (1e-3, 100.0, "N"),
-    "cof": (1e-3, 20.0, ""),
-    "cof_std": (1e-9, 20.0, ""),
     "speed_m_s": (0.0, 10.0, "m/s"),
     "time_s": (-1e9, 1e9, "s"),
     "voltage_offset_v": (-1e4, 1e4, "V"),
+    **SPREADS,
+    **{witness.column: witness.range for witness in WITNESSES},
 }
-WANTED = f"Give a CSV with columns {', '.join(REQUIRED)}; optional cof_std, speed_m_s, time_s, session, trial"
+WANTED = (
+    f"Give a CSV with columns {', '.join(REQUIRED)}, cof; optional cof_std, speed_m_s, time_s, session, trial; of the "
+    "electrode current_a, current_phase_rad, electrode_voltage_v, electrode_voltage_phase_rad, finger"
+)
+
+
+PHASES = [i for i, witness in enumerate(WITNESSES) if witness.is_phase]
 
 
 @dataclass(frozen=True)
 class Measurements:
-    """A data set of n rows: `columns` [n] as floats, `session` [n] as numbers of `session_names`.
+    """A data set of n observations: `columns` [n] as floats, `session` [n] as numbers of `session_names`.
 
-    Optional columns that the file does not have are absent from `columns`. `effects_on` [n]: the rows in which an
-    effect under test is on; None for all of them.
+    Optional columns that the file does not have are absent from `columns`. `effects_on` [n]: the observations in which
+    an effect under test is on; None for all of them. `witness` [n]: which of `WITNESSES` is observed, None for friction
+    throughout; `row` [n] of the file, None where each has its own; `finger` [n] as in `Conditions`.
     """
 
     columns: dict[str, Array]
@@ -44,11 +64,66 @@ class Measurements:
     waveform: NDArray[np.str_] | None
     content_hash: str
     effects_on: Mask | None = None
+    witness: NDArray[np.intp] | None = None
+    row: NDArray[np.intp] | None = None
+    finger: NDArray[np.str_] | None = None
 
     @property
     def count(self) -> int:
-        """Number of rows."""
+        """Number of observations."""
         return int(self.session.size)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of the file."""
+        return self.count if self.row is None else int(np.unique(self.row).size)
+
+    def of(self, witness: int) -> Mask:
+        """The observations of one witness, by its place in `WITNESSES`."""
+        return np.full(self.count, witness == FRICTION) if self.witness is None else self.witness == witness
+
+    @property
+    def witnesses(self) -> list[int]:
+        """Those that say anything."""
+        return [i for i in range(len(WITNESSES)) if self.of(i).any()]
+
+    @property
+    def observed(self) -> Array:
+        """What was observed [n]: logarithms of amounts, phases in rad."""
+        return self._by_witness(observed)
+
+    @property
+    def stated_std(self) -> Array:
+        """Its standard deviation [n] as stated, NaN where the file does not say."""
+        return self._by_witness(stated_std)
+
+    def _by_witness(self, say: Callable[[Witness, dict[str, Array]], Array]) -> Array:
+        values = np.empty(self.count)
+        for i in self.witnesses:
+            mine = self.of(i)
+            values[mine] = say(WITNESSES[i], {name: column[mine] for name, column in self.columns.items()})
+        return values
+
+    @property
+    def is_phase(self) -> Mask:
+        """Observations [n] that are angles."""
+        return np.isin(self.witness, PHASES) if self.witness is not None else np.zeros(self.count, bool)
+
+    def against(self, witness: int) -> Mask:
+        """Of the observations of one witness, those that are compared with another of the same row."""
+        other = WITNESSES[witness].against
+        values = self.columns.get(other) if other else None
+        return np.zeros(int(self.of(witness).sum()), bool) if values is None else np.isfinite(values[self.of(witness)])
+
+    @property
+    def group(self) -> NDArray[np.intp]:
+        """A number per observation, equal for those of one session and witness, which share a gain."""
+        return self.session if self.witness is None else self.session + len(self.session_names) * self.witness
+
+    @property
+    def sliding(self) -> Mask:
+        """Observations [n] of a sliding finger."""
+        return np.ones(self.count, bool) if self.finger is None else self.finger == "sliding"
 
     @property
     def driven(self) -> Mask:
@@ -57,10 +132,11 @@ class Measurements:
         return np.asarray((self.columns["voltage_v"] != 0.0) | (bias != 0.0))
 
     def varies(self, name: str) -> bool:
-        """Whether a column is there and takes more than one value (frequency: among driven rows)."""
+        """Whether a column is there and takes more than one value (frequency: where driven; speed: where sliding)."""
         if name not in self.columns:
             return False
-        values = self.columns[name][self.driven] if name == "frequency_hz" else self.columns[name]
+        chosen = {"frequency_hz": self.driven, "speed_m_s": self.sliding}
+        values = self.columns[name][chosen[name]] if name in chosen else self.columns[name]
         return bool(values.size and np.ptp(values) > 0.0)
 
     def conditions(self) -> Conditions:
@@ -74,26 +150,32 @@ class Measurements:
             waveform=self.waveform,
             speed_m_s=c.get("speed_m_s"),
             time_s=c.get("time_s"),
+            finger=self.finger,
         )
 
     def subset(self, rows: Mask) -> Measurements:
         """Some of the rows."""
-        return Measurements(
-            {name: values[rows] for name, values in self.columns.items()},
-            self.session[rows],
-            self.session_names,
-            None if self.waveform is None else self.waveform[rows],
-            self.content_hash,
-            None if self.effects_on is None else self.effects_on[rows],
-        )
+        chosen: dict[str, Any] = {
+            name: None if values is None else values[rows]
+            for name, values in vars(self).items()
+            if name in ("session", "waveform", "effects_on", "witness", "row", "finger")
+        }
+        return replace(self, columns={name: values[rows] for name, values in self.columns.items()}, **chosen)
 
-    def replicate_groups(self) -> NDArray[np.intp]:
-        """A number per row, equal for rows of the same session and settings; time and repeat do not count."""
+    def replicate_groups(self, apart: bool = True) -> NDArray[np.intp]:
+        """A number per observation, equal for the same session and settings; time and repeat do not count.
+
+        `apart`: each witness has groups of its own.
+        """
         keys = ["voltage_v", "normal_force_n", "speed_m_s", "voltage_offset_v"]
         settings = [np.where(self.driven, self.columns["frequency_hz"], 0.0), self.session.astype(float)]
         settings += [self.columns[key] for key in keys if key in self.columns]
         if self.waveform is not None:
             settings.append(np.unique(self.waveform, return_inverse=True)[1].astype(float))
+        if self.finger is not None:
+            settings.append(np.unique(self.finger, return_inverse=True)[1].astype(float))
+        if self.witness is not None and apart:
+            settings.append(self.witness.astype(float))
         _, group = np.unique(np.round(np.stack(settings, axis=1), 12), axis=0, return_inverse=True)
         return group.ravel()
 
@@ -103,72 +185,169 @@ def read_measurements(path: Path) -> Measurements:
     table = read_table(path, REQUIRED, WANTED)
     if not table.rows:
         raise ModelError(f"{path}: has no rows", WANTED)
-    waveform = _waveform(table)
+    waveform = _words(table, "waveform", WAVEFORMS)
     voltage = _column(table, "voltage_v")
     ignored = voltage == 0.0
     if waveform is not None:
         ignored |= waveform == "dc"
+    finger = _words(table, "finger", FINGERS)
     columns = {"voltage_v": voltage, "frequency_hz": _column(table, "frequency_hz", ignored)}
-    columns |= {name: _column(table, name) for name in NUMERIC if name not in columns and _says(table, name)}
+    columns["normal_force_n"] = _column(table, "normal_force_n", None if finger is None else finger == "none")
+    held = None if finger is None else finger != "sliding"
+    for name in OPTIONAL:
+        if _says(table, name):
+            columns[name] = _column(table, name, held if name == "speed_m_s" else None)
+    if finger is not None and (finger == "none").any() and (finger != "none").any():
+        touching = finger != "none"
+        columns["normal_force_n"][~touching] = np.median(columns["normal_force_n"][touching])
     sessions = table.text("session") if "session" in table.columns else [""] * len(table.rows)
     names, session = np.unique([name or "1" for name in sessions], return_inverse=True)
-    return Measurements(columns, session.ravel(), tuple(map(str, names)), waveform, table.content_hash)
+    rows = Measurements(columns, session.ravel(), tuple(map(str, names)), waveform, table.content_hash, finger=finger)
+    return _observations(table, rows)
+
+
+def _observations(table: Table, rows: Measurements) -> Measurements:
+    """One observation per row and witness that it has; those of friction come first."""
+    given = [witness for witness in WITNESSES if _says(table, witness.column)]
+    if not given:
+        table.require(WITNESSES[FRICTION].column)
+        raise ModelError(f"{table.path}: no row says anything of friction, current or voltage", WANTED)
+    columns = dict(rows.columns)
+    for name in [name for witness in given for name in (witness.column, witness.std)]:
+        if _says(table, name):
+            columns[name] = _column(table, name, where_empty=np.nan)
+    for witness in given:
+        _check_stated(table, columns, witness)
+    silent = np.all([np.isnan(columns[witness.column]) for witness in given], axis=0)
+    if silent.any():
+        i = int(np.argmax(silent))
+        said = f"{table.where(i)}: {given[0].column} is '', not a number, and no other witness speaks there"
+        raise ModelError(said, WANTED, "not_a_number")
+    if given == [WITNESSES[FRICTION]]:
+        return replace(rows, columns=columns)
+    held = np.zeros(rows.count, bool) if rows.finger is None else rows.finger != "sliding"
+    wrong = held & np.isfinite(columns.get("cof", np.full(rows.count, np.nan)))
+    if wrong.any():
+        said = f"{table.where(int(np.argmax(wrong)))}: has a cof, but its finger does not slide"
+        raise ModelError(said, "Leave cof empty there: friction is kinetic")
+    alternating = (rows.columns["voltage_v"] != 0.0) & (True if rows.waveform is None else rows.waveform != "dc")
+    kinds, where = [], []
+    for i, witness in enumerate(WITNESSES):
+        if witness in given:
+            there = np.isfinite(columns[witness.column]) & (alternating | (i == FRICTION))
+            where.append(np.flatnonzero(there))
+            kinds.append(np.full(where[-1].size, i, np.intp))
+    row = np.concatenate(where)
+    columns = {name: values[row] for name, values in columns.items()}
+    return Measurements(
+        columns,
+        rows.session[row],
+        rows.session_names,
+        None if rows.waveform is None else rows.waveform[row],
+        rows.content_hash,
+        witness=np.concatenate(kinds),
+        row=row,
+        finger=None if rows.finger is None else rows.finger[row],
+    )
+
+
+def _check_stated(table: Table, columns: dict[str, Array], witness: Witness) -> None:
+    """ModelError where a standard deviation stands without its value, or friction's in some rows only."""
+    if witness.std not in columns:
+        return
+    has, states = np.isfinite(columns[witness.column]), np.isfinite(columns[witness.std])
+    wrong = states & ~has
+    if witness is WITNESSES[FRICTION]:
+        wrong |= has & ~states
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        lacks = witness.std if has[i] else witness.column
+        said = f"{table.where(i)}: {lacks} is '', not a number"
+        raise ModelError(said, f"Give {witness.column} and {witness.std} in the same rows", "not_a_number")
 
 
 def together(parts: Sequence[tuple[str, Measurements]]) -> Measurements:
     """Several data sets as one, each with its file's name; the sessions of one are never those of another.
 
-    ModelError where one has a column that another lacks: what a row does not say cannot be made up.
+    ModelError where one has a condition that another lacks: what a row does not say cannot be made up. Witnesses may
+    differ, and a standard deviation may be missing with its witness.
     """
     if len(parts) == 1:
         return parts[0][1]
     first_name, first = parts[0]
     for name, data in parts[1:]:
-        different = sorted(set(first.columns) ^ set(data.columns))
+        different = sorted(set(_conditions(first)) ^ set(_conditions(data)))
         if different:
             has, lacks = (first_name, name) if different[0] in first.columns else (name, first_name)
             said = f"{lacks}: has no column {different[0]}, which {has} has"
             raise ModelError(said, "Add the column, or leave it out of every file")
     names: list[str] = []
-    sessions = []
+    sessions, rows = [], []
     for number, (_, data) in enumerate(parts, start=1):
         sessions.append(data.session + len(names))
+        rows.append(
+            (np.arange(data.count) if data.row is None else data.row) + sum(d.rows for _, d in parts[: number - 1])
+        )
         names += [f"file {number}, {session}" for session in data.session_names]
-    waveform = None
-    if any(data.waveform is not None for _, data in parts):
-        said_or_sine = (np.full(d.count, "sine") if d.waveform is None else d.waveform for _, d in parts)
-        waveform = np.concatenate(list(said_or_sine))
     hashes = "".join(data.content_hash for _, data in parts)
+    sets = [data for _, data in parts]
+    every = dict.fromkeys(name for data in sets for name in data.columns)
+    one_witness = all(data.witness is None for data in sets)
     return Measurements(
-        {name: np.concatenate([data.columns[name] for _, data in parts]) for name in first.columns},
+        {
+            name: np.concatenate([data.columns.get(name, np.full(data.count, np.nan)) for data in sets])
+            for name in every
+        },
         np.concatenate(sessions),
         tuple(names),
-        waveform,
+        _said([data.waveform for data in sets], [data.count for data in sets], "sine"),
         hashlib.sha256(hashes.encode()).hexdigest(),
+        witness=None
+        if one_witness
+        else np.concatenate([np.zeros(d.count, np.intp) if d.witness is None else d.witness for d in sets]),
+        row=None if one_witness else np.concatenate(rows),
+        finger=_said([data.finger for data in sets], [data.count for data in sets], "sliding"),
+    )
+
+
+def _conditions(data: Measurements) -> list[str]:
+    """The columns that say under which conditions; those of witnesses may be missing."""
+    said = {name for witness in WITNESSES for name in (witness.column, witness.std)}
+    return [name for name in data.columns if name not in said]
+
+
+def _said(
+    words: Sequence[NDArray[np.str_] | None], counts: Sequence[int], where_unsaid: str
+) -> NDArray[np.str_] | None:
+    """Columns of words as one; None where none says anything."""
+    if all(said is None for said in words):
+        return None
+    return np.concatenate(
+        [np.full(count, where_unsaid) if said is None else said for said, count in zip(words, counts, strict=True)]
     )
 
 
 def _says(table: Table, name: str) -> bool:
     """Whether a column is there; an optional one that is empty throughout is not."""
-    return name in REQUIRED or (name in table.columns and any(table.text(name)))
+    return name in table.columns and any(table.text(name))
 
 
-def _waveform(table: Table) -> NDArray[np.str_] | None:
-    """Names of `WAVEFORMS` [n], a sine where nothing is said; None without the column."""
-    if "waveform" not in table.columns:
+def _words(table: Table, column: str, known: tuple[str, ...]) -> NDArray[np.str_] | None:
+    """Names [n] of the `known`, the first where nothing is said; None without the column."""
+    if not _says(table, column):
         return None
-    names = [name.lower() or "sine" for name in table.text("waveform")]
+    names = [name.lower() or known[0] for name in table.text(column)]
     for i, name in enumerate(names):
-        if name not in WAVEFORMS:
-            raise ModelError(f"{table.where(i)}: waveform '{name}' is unknown", nearest(name, list(WAVEFORMS)))
+        if name not in known:
+            raise ModelError(f"{table.where(i)}: {column} '{name}' is unknown", nearest(name, list(known)))
     return np.array(names)
 
 
-def _column(table: Table, name: str, ignored: Mask | None = None) -> Array:
-    """One column [n] within its range; 0 in the rows `ignored`."""
-    values = table.numbers(name, ignored=ignored)
+def _column(table: Table, name: str, ignored: Mask | None = None, where_empty: float | None = None) -> Array:
+    """One column [n] within its range; 0 in the rows `ignored`, `where_empty`, if given, in empty cells."""
+    values = table.numbers(name, where_empty, ignored)
     low, high, unit = RANGES.get(name, (-np.inf, np.inf, ""))
-    outside = ~((values >= low) & (values <= high))
+    outside = ~((values >= low) & (values <= high)) & ~np.isnan(values)
     if ignored is not None:
         outside &= ~ignored
     if outside.any():

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.diagnosis.noise import Noise
-from model.diagnosis.space import FARTHEST, Predictor, size
+from model.diagnosis.space import FARTHEST, Predictor
 from model.effects import Effect
 from model.support.arrays import Array
 
@@ -44,20 +44,20 @@ class Fit:
 class Problem:
     """One data set with its noise: what every fit shares."""
 
-    def __init__(self, predictor: Predictor, log_cof: Array, noise: Noise) -> None:
+    def __init__(self, predictor: Predictor, observed: Array, noise: Noise) -> None:
         self.predictor = predictor
-        self.log_cof = log_cof
+        self.observed = observed
         self.noise = noise
 
     def whitened(self, kinds: Sequence[type[Effect]], vectors: Array) -> Array:
         """Whitened residuals [m, n] of parameter vectors [m, k]; unsolvable rows are far off, never NaN."""
-        raw = self.log_cof - self.predictor.log_cof(kinds, vectors)
-        raw = np.where(np.isfinite(raw), raw, BAD * self.noise.relative_std)
+        raw = self.predictor.less(self.observed, self.predictor.predicted(kinds, vectors))
+        raw = np.where(np.isfinite(raw), raw, BAD * self.noise.own_std)
         return self.noise.whiten(raw.T).T
 
     def cost(self, chi2: Array | float, vectors: Array) -> Array:
         """-log posterior of parameter vectors, scale integrated out."""
-        nu, n = self.noise.degrees, self.log_cof.size
+        nu, n = self.noise.degrees, self.observed.size
         return np.asarray(0.5 * (n + nu) * np.log1p(np.asarray(chi2) / nu) + 0.5 * np.sum(np.square(vectors), axis=-1))
 
     def linearise(self, kinds: Sequence[type[Effect]], vector: Array) -> tuple[Array, Array]:
@@ -69,7 +69,7 @@ class Problem:
 
     def fit(self, kinds: Sequence[type[Effect]], start: Array, iterations: int = ITERATIONS) -> Fit:
         """Damped Gauss-Newton from one start."""
-        nu, n = self.noise.degrees, self.log_cof.size
+        nu, n = self.noise.degrees, self.observed.size
         vector = np.clip(start, -FARTHEST, FARTHEST)
         residual, jacobian = self.linearise(kinds, vector)
         chi2 = float(residual @ residual)
@@ -98,7 +98,7 @@ class Problem:
         return self._finish(tuple(kinds), vector, residual, jacobian)
 
     def _finish(self, kinds: tuple[type[Effect], ...], vector: Array, residual: Array, jacobian: Array) -> Fit:
-        nu, n = self.noise.degrees, self.log_cof.size
+        nu, n = self.noise.degrees, self.observed.size
         chi2 = float(residual @ residual)
         scale2 = (nu + chi2) / (n + nu)
         normal = jacobian.T @ jacobian / scale2 + np.eye(vector.size)
@@ -109,7 +109,7 @@ class Problem:
 
     def best_fit(self, kinds: Sequence[type[Effect]], base: Array, starts: Sequence[float]) -> Fit:
         """The best of several starts: from `base`, the last effect's first parameter at each of `starts`."""
-        start = np.zeros(size(kinds))
+        start = np.zeros(self.predictor.size(kinds))
         start[: base.size] = base[: start.size]
         if not kinds:
             return self.fit(kinds, start)

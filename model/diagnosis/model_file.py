@@ -15,7 +15,7 @@ import numpy as np
 
 from model.description import POWER_LAW, ModelDescription
 from model.diagnosis.fit import Fit
-from model.diagnosis.space import NUISANCES, Nuisance
+from model.diagnosis.space import Nuisance
 from model.diagnosis.workflow import Diagnosis
 from model.electric.dielectrics import NAMED, PowerLaw, Tabulated
 from model.parameters import SPECIFICATION, Parameter
@@ -34,7 +34,7 @@ def program() -> str:
 
 
 def fitted_nuisances(
-    description: ModelDescription, fit: Fit, source: str = "", free: Sequence[Nuisance] = NUISANCES
+    description: ModelDescription, fit: Fit, free: Sequence[Nuisance], source: str = ""
 ) -> dict[str, Parameter]:
     """The finger's own parameters as fitted, with one standard deviation to first order, within a file's ranges.
 
@@ -54,7 +54,7 @@ def fitted_nuisances(
 def fitted_effects(fit: Fit, source: str = "") -> dict[str, dict[str, Parameter]]:
     """Every effect's parameters as fitted, with one standard deviation to first order."""
     found: dict[str, dict[str, Parameter]] = {}
-    position = len(NUISANCES)
+    position = fit.vector.size - sum(len(kind.parameters()) for kind in fit.kinds)
     for kind in fit.kinds:
         found[kind.name] = {}
         for p in kind.parameters():
@@ -71,7 +71,7 @@ def fitted_model(diagnosis: Diagnosis, description: ModelDescription, source_nam
     if diagnosis.findings is None:
         return description
     verdict = diagnosis.findings.verdict
-    fit = verdict.chosen.fit
+    fit, free = verdict.chosen.fit, diagnosis.findings.problem.predictor.free
     data = f"{Path(source_name).name}, sha256 {diagnosis.data.content_hash[:16]}"
     effects = fitted_effects(fit, f"fit to {data}") if verdict.is_named else {}
     own_name = description.name.removesuffix("-fitted")
@@ -79,7 +79,7 @@ def fitted_model(diagnosis: Diagnosis, description: ModelDescription, source_nam
         description,
         name="+".join([own_name, *effects]) if effects else f"{own_name}-fitted",
         about=f"{description.name}, fitted to {data}: {diagnosis.name}",
-        parameters=description.parameters | fitted_nuisances(description, fit, f"fit to {data}"),
+        parameters=description.parameters | fitted_nuisances(description, fit, free, f"fit to {data}"),
         effect_parameters=description.effect_parameters | effects,
     )
 

@@ -11,7 +11,6 @@ import numpy as np
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.rival import Evidence, evidence
-from model.diagnosis.space import NUISANCES
 from model.effects import CATALOGUE, Effect
 from model.support.arrays import Array
 
@@ -76,11 +75,12 @@ def fit_candidates(
 
 def imitation(problem: Problem, true: Fit, rival: Candidate) -> float:
     """lambda_ij: whitened chi^2 that is left of `true`'s prediction when `rival` is fitted to it without noise."""
-    prediction = problem.predictor.log_cof(true.kinds, true.vector[None])[0]
+    prediction = problem.predictor.predicted(true.kinds, true.vector[None])[0]
     noiseless = Problem(problem.predictor, prediction, problem.noise)
     fits = [noiseless.fit(rival.kinds, rival.fit.vector)]
     start = np.zeros(rival.fit.vector.size)
-    start[: len(NUISANCES)] = true.vector[: len(NUISANCES)]
+    shared = len(problem.predictor.free)
+    start[:shared] = true.vector[:shared]
     fits.append(noiseless.fit(rival.kinds, start))
     return min(float(f.residual @ f.residual + 0.0) for f in fits)
 

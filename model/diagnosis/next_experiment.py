@@ -24,9 +24,11 @@ from model.diagnosis.noise import SESSION_GAIN_STD
 from model.diagnosis.space import Predictor
 from model.diagnosis.verdict import ALIKE
 from model.diagnosis.where import Disagreement
+from model.diagnosis.witness import FRICTION, WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
 from model.support.arrays import Array
 
+AGAINST = {witness.against for witness in WITNESSES if witness.against}
 REPEATS = 5  # readings at each proposed setting
 MODELS = 4  # that take part
 MOST_LEVELS = 4  # of voltage, load, speed and time
@@ -72,9 +74,11 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: 
         return []
     problem, enough = findings.problem, findings.weighed.apart
     settings = _settings(diagnosis.data, [c for c, _ in leaders])
-    outlooks, usable = _outlooks(description, settings, leaders)
+    outlooks, usable = _outlooks(problem.predictor, settings, leaders)
     settings = settings.subset(usable)
-    noise = float(np.median(problem.noise.relative_std)) * float(np.sqrt(findings.verdict.chosen.fit.scale2))
+    noise = float(np.median(problem.noise.own_std[diagnosis.data.of(FRICTION)])) * float(
+        np.sqrt(findings.verdict.chosen.fit.scale2)
+    )
     picked, gains = _greedy(_pairs(outlooks), noise, most if usable.any() else 0, enough)
     first, second = leaders[0][0], leaders[1][0]
     now = after = separation(problem, first, second)
@@ -166,15 +170,15 @@ def _beyond(levels: list[float], factor: float) -> list[float]:
 
 
 def _outlooks(
-    description: ModelDescription, settings: Measurements, leaders: Sequence[tuple[Candidate, float]]
+    fitted: Predictor, settings: Measurements, leaders: Sequence[tuple[Candidate, float]]
 ) -> tuple[list[_Outlook], NDArray[np.bool_]]:
     """What every model predicts; and a mask of the settings that all of them can predict."""
-    predictor = Predictor(description, settings)
+    predictor = Predictor(fitted.description, settings, fitted.free)
     usable = np.ones(settings.count, bool)
     found = []
     for candidate, probability in leaders:
         vector = candidate.fit.vector
-        logs = predictor.log_cof(candidate.kinds, np.vstack([vector, vector + STEP * np.eye(vector.size)]))
+        logs = predictor.predicted(candidate.kinds, np.vstack([vector, vector + STEP * np.eye(vector.size)]))
         usable &= np.all(np.isfinite(logs), axis=0)
         slope = (logs[1:] - logs[0]).T / STEP
         root = np.linalg.cholesky(candidate.fit.covariance + 1e-12 * np.eye(vector.size))
@@ -237,18 +241,22 @@ def _extended(data: Measurements, description: ModelDescription, problem: Proble
     both = {
         name: np.concatenate([values, chosen.columns.get(name, np.full(count, usual.get(name, np.median(values))))])
         for name, values in data.columns.items()
-        if name in (*chosen.columns, "voltage_offset_v", "time_s")
+        if name in (*chosen.columns, *AGAINST, "voltage_offset_v", "time_s")
     }
     session = np.concatenate([data.session, np.full(count, len(data.session_names))])
     waveform = None if data.waveform is None else np.concatenate([data.waveform, np.full(count, "sine")])
     effects_on = None if data.effects_on is None else np.concatenate([data.effects_on, np.ones(count, bool)])
-    extended = Measurements(both, session, (*data.session_names, "next"), waveform, "", effects_on)
-    relative = np.full(count, np.median(noise.relative_std) / np.sqrt(REPEATS))
+    witness = None if data.witness is None else np.concatenate([data.witness, np.full(count, FRICTION)])
+    finger = None if data.finger is None else np.concatenate([data.finger, np.full(count, "sliding")])
+    extended = Measurements(
+        both, session, (*data.session_names, "next"), waveform, "", effects_on, witness=witness, finger=finger
+    )
+    own_std = np.full(count, np.median(noise.own_std[data.of(FRICTION)]) / np.sqrt(REPEATS))
     lower = np.zeros((extended.count, extended.count))
     lower[: data.count, : data.count] = noise.lower
-    lower[data.count :, data.count :] = cholesky(np.diag(relative**2) + SESSION_GAIN_STD**2, lower=True)
-    wider = replace(noise, relative_std=np.concatenate([noise.relative_std, relative]), lower=lower)
-    return Problem(Predictor(description, extended), np.zeros(extended.count), wider)
+    lower[data.count :, data.count :] = cholesky(np.diag(own_std**2) + SESSION_GAIN_STD**2, lower=True)
+    wider = replace(noise, own_std=np.concatenate([noise.own_std, own_std]), lower=lower)
+    return Problem(Predictor(description, extended, problem.predictor.free), np.zeros(extended.count), wider)
 
 
 def _setting(settings: Measurements, index: int) -> dict[str, float | None]:

@@ -9,23 +9,24 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from model.diagnosis.data import Measurements
+from model.diagnosis.witness import FRICTION, WITNESSES
 from model.support.arrays import Array
 
-SESSION_GAIN_STD = 0.05  # of friction, between sessions: electrodes, washing, posture
+SESSION_GAIN_STD = WITNESSES[FRICTION].gain_std
 LOOSE_DEGREES = 6.0  # worth of the stated noise where no replicates check it: a scale known to about 30 %
 MOST_DEGREES = 200.0
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Covariance of log friction: diag(`relative_std`^2) + session gain + AR(1), up to one unknown scale.
+    """Covariance of what is observed: diag(`own_std`^2) + gains of sessions + AR(1), up to one unknown scale.
 
     The scale's square is inverse-gamma around 1 with `degrees` degrees of freedom; `source` says where the noise comes
     from, `replicate_degrees` how many replicates checked it; `correlation` and `inflation` are what it was asked to be.
     `whiten` takes residuals [n] or [n, k] to unit variance.
     """
 
-    relative_std: Array
+    own_std: Array
     lower: Array
     degrees: float
     source: str
@@ -44,38 +45,86 @@ class Noise:
         return np.asarray(solve_triangular(self.lower, values, lower=True, check_finite=False))
 
 
+@dataclass(frozen=True)
+class _Own:
+    """Standard deviations of one witness's observations [n], where they come from, and the replicates that checked."""
+
+    std: Array
+    source: str
+    degrees: int
+    warnings: tuple[str, ...] = ()
+
+
 def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | None = None) -> Noise | None:
-    """The noise model of a data set; None where there is neither a stated noise nor a replicate to estimate it from.
+    """The noise model of a data set; None where nothing says how noisy friction is, be it stated or replicates.
 
     `correlation`: of neighbouring rows in a session, in order of measurement. `inflation` [n]: of single rows' noise.
     """
-    log_cof = np.log(data.columns["cof"])
     inflation = np.ones(data.count) if inflation is None else inflation
-    scatter, degrees = _replicate_scatter(data, log_cof, inflation)
-    warnings: list[str] = []
-    if "cof_std" in data.columns:
-        relative = data.columns["cof_std"] / data.columns["cof"] * inflation
-        source = "cof_std"
-        if degrees >= 4:
-            standard, degrees = _replicate_scatter(data, log_cof, relative)
-            ratio = float(np.sqrt(standard))
-            if not 1.0 / 1.3 < ratio < 1.3:
-                warnings.append(f"replicates scatter {ratio:.2f} times as much as cof_std says; their scatter is used")
-                source = "cof_std, scaled to the replicates"
-            relative = relative * ratio
-    elif degrees >= 2:
-        relative = np.sqrt(scatter) * inflation
-        source = "replicates"
-    else:
-        return None
-    relative = np.maximum(relative, 1e-4)
-    covariance = np.diag(relative**2)
+    own_std, found = np.empty(data.count), []
+    for witness in data.witnesses:
+        mine = data.of(witness)
+        own = _own_noise(data.subset(mine), witness, inflation[mine])
+        if own is None:
+            return None
+        own_std[mine] = own.std
+        found.append(own)
+    own_std = np.maximum(own_std, 1e-4)
+    covariance = np.diag(own_std**2)
     if correlation != 0.0:
-        covariance += _correlated(data, correlation, relative)
-    covariance += SESSION_GAIN_STD**2 * (data.session[:, None] == data.session)
-    degrees_known = min(max(float(degrees), LOOSE_DEGREES), MOST_DEGREES)
-    lower = cholesky(covariance, lower=True)
-    return Noise(relative, lower, degrees_known, source, degrees, correlation, inflation, tuple(warnings))
+        covariance += _correlated(data, correlation, own_std)
+    covariance += gain_std(data) ** 2 * (data.group[:, None] == data.group)
+    degrees = sum(own.degrees for own in found)
+    return Noise(
+        own_std,
+        cholesky(covariance, lower=True),
+        min(max(float(degrees), LOOSE_DEGREES), MOST_DEGREES),
+        "; ".join(dict.fromkeys(own.source for own in found)),
+        degrees,
+        correlation,
+        inflation,
+        tuple(warning for own in found for warning in own.warnings),
+    )
+
+
+def gain_std(data: Measurements) -> Array:
+    """Standard deviation [n] of what the observations of a session and witness share."""
+    gains = np.array([witness.gain_std for witness in WITNESSES])
+    return np.full(data.count, gains[FRICTION]) if data.witness is None else gains[data.witness]
+
+
+def _own_noise(data: Measurements, witness: int, inflation: Array) -> _Own | None:
+    """Of one witness alone: as stated, held against replicates; as replicates say; or the usual."""
+    known, values, stated = WITNESSES[witness], data.observed, data.stated_std
+    if np.isnan(stated).any():
+        usual = _usual(known.usual_std, data, inflation)
+        if np.isnan(stated).all() or usual is None:
+            return usual
+        stated = np.where(np.isnan(stated), usual.std / inflation, stated)
+    std = stated * inflation
+    source = known.std
+    _, degrees = _replicate_scatter(data, values, inflation)
+    if degrees < 4:
+        return _Own(std, source, degrees)
+    scatter, degrees = _replicate_scatter(data, values, std)
+    ratio, warnings = float(np.sqrt(scatter)), []
+    if not 1.0 / 1.3 < ratio < 1.3:
+        warnings.append(f"replicates scatter {ratio:.2f} times as much as {known.std} says; their scatter is used")
+        source = f"{known.std}, scaled to the replicates"
+    return _Own(std * ratio, source, degrees, tuple(warnings))
+
+
+def _usual(usual_std: float | None, data: Measurements, inflation: Array) -> _Own | None:
+    """What replicates say, or else what is usual of such an instrument; None where nothing is."""
+    scatter, degrees = _replicate_scatter(data, data.observed, inflation)
+    if degrees >= 2:
+        return _Own(np.sqrt(scatter) * inflation, "replicates", degrees)
+    if usual_std is None:
+        return None
+    name = WITNESSES[data.witnesses[0]]
+    unit = "rad" if name.is_phase else "of the value"
+    said = f"{name.column} has neither {name.std} nor replicates: {usual_std:g} {unit} is assumed"
+    return _Own(usual_std * inflation, f"assumed for {name.column}", 0, (said,))
 
 
 def _replicate_scatter(data: Measurements, values: Array, std: Array) -> tuple[float, int]:
@@ -89,18 +138,18 @@ def _replicate_scatter(data: Measurements, values: Array, std: Array) -> tuple[f
 
 
 def rows_in_order(data: Measurements) -> list[NDArray[np.intp]]:
-    """The rows of each session in order of measurement: by `time_s` where there is one, else as in the file."""
+    """The rows of each session and witness in order of measurement: by `time_s`, or as in the file."""
     time = data.columns.get("time_s", np.arange(data.count, dtype=float))
-    sessions = (np.flatnonzero(data.session == s) for s in range(len(data.session_names)))
-    return [rows[np.argsort(time[rows], kind="stable")] for rows in sessions]
+    groups = (np.flatnonzero(data.group == g) for g in np.unique(data.group))
+    return [rows[np.argsort(time[rows], kind="stable")] for rows in groups]
 
 
-def _correlated(data: Measurements, correlation: float, relative: Array) -> Array:
-    """Off-diagonal part of an AR(1) covariance along the order of measurement within each session."""
+def _correlated(data: Measurements, correlation: float, own_std: Array) -> Array:
+    """Off-diagonal part of an AR(1) covariance along the order of measurement within each session and witness."""
     rank = np.empty(data.count)
     for rows in rows_in_order(data):
         rank[rows] = np.arange(rows.size)
-    same = data.session[:, None] == data.session
-    matrix = np.where(same, correlation ** np.abs(rank[:, None] - rank), 0.0) * np.outer(relative, relative)
+    same = data.group[:, None] == data.group
+    matrix = np.where(same, correlation ** np.abs(rank[:, None] - rank), 0.0) * np.outer(own_std, own_std)
     np.fill_diagonal(matrix, 0.0)
     return matrix

@@ -11,6 +11,7 @@ from typing import Any
 
 from model.diagnosis.naming import words
 from model.diagnosis.where import ALARM, DRAWS
+from model.diagnosis.witness import BY_COLUMN
 
 PAGE = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
 PIXELS = 1.65  # of a picture to one of the page
@@ -132,14 +133,17 @@ def _where(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
         [
             " and ".join(_range(r)),
             str(r["rows"]),
-            f"{100.0 * r['mean_relative_error']:+.1f} %",
-            "more" if r["sign"] > 0 else "less",
+            f"{r['mean_error_rad']:+.3f} rad"
+            if r["mean_error_rad"] is not None
+            else f"{100.0 * r['mean_relative_error']:+.1f} %",
+            f"{BY_COLUMN[r['witness']].words}: {'more' if r['sign'] > 0 else 'less'}",
             f"{r['p_value']:.2g}" + (" (least possible)" if r["p_value"] <= 1.0 / (DRAWS + 1.0) + 1e-9 else ""),
         ]
         for r in certain
     ]
-    head = ["region", "rows", "measured − predicted", "friction is", "probability by chance"]
-    pictured = _image(drawn, "residual_map", "Residuals over frequency and voltage, before and after")
+    head = ["region", "rows", "measured − predicted", "measured is", "probability by chance"]
+    pictured = _image(drawn, "spectrum", "The electrode's current over frequency, measured and predicted")
+    pictured += _image(drawn, "residual_map", "Residuals over frequency and voltage, before and after")
     pictured += _image(drawn, "residual_over_time", "Residuals over time, before and after")
     return f"<p>{escape(lead)}</p>{_rows(head, rows)}{pictured}"
 
@@ -158,7 +162,11 @@ def _range(region: Mapping[str, Any]) -> list[str]:
 
 def _which(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
     bars = _image(drawn, "probabilities", "Probability of every leading candidate")
-    prints = _image(drawn, "fingerprint", "Fingerprint of the leading candidates beside the data")
+    prints = "".join(
+        _image(drawn, name, "Fingerprint of the leading candidates beside the data")
+        for name in drawn
+        if name.startswith("fingerprint")
+    )
     rows = [
         [
             words(c["name"]),

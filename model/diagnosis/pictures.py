@@ -7,16 +7,17 @@ from collections.abc import Sequence
 
 import matplotlib as mpl
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.naming import NONE, UNKNOWN, Candidate, words
-from model.diagnosis.noise import SESSION_GAIN_STD
+from model.diagnosis.noise import gain_std
 from model.diagnosis.rival import LOG_INPUTS
+from model.diagnosis.spectrum import spectrum
 from model.diagnosis.verdict import SURE
 from model.diagnosis.where import Region
+from model.diagnosis.witness import FRICTION, WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
 from model.support.arrays import Array, Mask
 
@@ -52,23 +53,33 @@ def pictures(diagnosis: Diagnosis) -> dict[str, bytes]:
     data, found = diagnosis.data, diagnosis.findings
     if found is None:
         return {}
+    friction = data.of(FRICTION).any()
     drawn = {
-        "residual_map": residual_map(data, found),
-        "residual_over_time": residual_over_time(data, found),
-        "fingerprint": fingerprint(data, found),
+        "residual_map": residual_map(data, found) if friction else None,
+        "residual_over_time": residual_over_time(data, found) if friction else None,
+        **{f"fingerprint{'' if w == FRICTION else f'_{w}'}": fingerprint(data, found, w) for w in data.witnesses},
+        "spectrum": spectrum(data, found),
         "probabilities": probability_bars(found),
         "held_out": held_out(found),
     }
     return {name: _png(figure) for name, figure in drawn.items() if figure is not None}
 
 
-def residual_percent(problem: Problem, fit: Fit, session: NDArray[np.intp]) -> Array:
-    """Measured against predicted friction [n] in percent, without each session's gain as the noise model sees it."""
-    raw = problem.log_cof - problem.predictor.log_cof(fit.kinds, fit.vector[None])[0]
+def residual_percent(problem: Problem, fit: Fit, data: Measurements, witness: int = FRICTION) -> Array:
+    """Measured against predicted for one witness, in percent, without each session's gain as the noise model sees it.
+
+    Of a phase, hundredths of a rad.
+    """
+    raw = problem.predictor.less(problem.observed, problem.predictor.predicted(fit.kinds, fit.vector[None])[0])
     raw = np.where(np.isfinite(raw), raw, 0.0)
     weighed = solve_triangular(problem.noise.lower.T, problem.noise.whiten(raw), lower=False)
-    gain = SESSION_GAIN_STD**2 * np.bincount(session, weighed)
-    return np.asarray(100.0 * np.expm1(raw - gain[session]))
+    gain = gain_std(data) ** 2 * np.bincount(data.group, weighed)[data.group]
+    return percent(raw - gain, witness)[data.of(witness)]
+
+
+def percent(difference: Array, witness: int) -> Array:
+    """A difference of logarithms in percent; one of phases in hundredths of a rad."""
+    return np.asarray(100.0 * (difference if WITNESSES[witness].is_phase else np.expm1(difference)))
 
 
 def _before_after(data: Measurements, found: Findings) -> list[tuple[str, str, Array]]:
@@ -77,12 +88,13 @@ def _before_after(data: Measurements, found: Findings) -> list[tuple[str, str, A
     chosen = found.verdict.chosen
     if chosen.kinds:
         models.append((f"with {words(chosen.name)}", AFTER, chosen.fit))
-    return [(title, colour, residual_percent(found.problem, fit, data.session)) for title, colour, fit in models]
+    return [(title, colour, residual_percent(found.problem, fit, data)) for title, colour, fit in models]
 
 
 def residual_map(data: Measurements, found: Findings) -> Figure:
     """Mean residual over frequency and voltage, before and after, with the regions that disagree outlined."""
     panels = _before_after(data, found)
+    data = data.subset(data.of(FRICTION))
     columns, frequency_names = _cells(data.columns["frequency_hz"], data.driven)
     rows, voltage_names = _cells(data.columns["voltage_v"], data.driven)
     quiet = bool((~data.driven).any())
@@ -106,7 +118,7 @@ def residual_map(data: Measurements, found: Findings) -> Figure:
         ax.tick_params(length=0)
         ax.spines[:].set_visible(False)
     axes[0].set_ylabel("voltage, V peak")
-    regions = found.before.certain
+    regions = [region for region in found.before.certain if region.witness == FRICTION]
     shown = [r for r in regions if set(r.axes) <= {"frequency_hz", "voltage_v"}][:OUTLINED]
     for region in shown:
         _outline(axes[0], region, data, columns, rows, quiet)
@@ -181,6 +193,7 @@ def residual_over_time(data: Measurements, found: Findings) -> Figure | None:
     if not data.varies("time_s"):
         return None
     panels = _before_after(data, found)
+    data = data.subset(data.of(FRICTION))
     figure, axes = _side_by_side(len(panels), max(8.2, 5.6 * len(panels)), 3.6)
     groups = [(f"session {_literal(name)}", data.session == i) for i, name in enumerate(data.session_names)]
     if len(groups) > MOST_BARS:
@@ -209,20 +222,21 @@ def _running_median(values: Array) -> Array:
     return np.array([np.median(values[max(0, i - half) : i + half + 1]) for i in range(values.size)])
 
 
-def fingerprint(data: Measurements, found: Findings) -> Figure | None:
-    """Over every input that varies: what the data show, and what each leading candidate would make of the model."""
-    problem, base = found.problem, found.weighed.base
-    names = [name for name in AXES if data.varies(name)]
+def fingerprint(data: Measurements, found: Findings, witness: int = FRICTION) -> Figure | None:
+    """Over every input that varies: what a witness shows, and what each leading candidate would make of the model."""
+    problem, base, mine = found.problem, found.weighed.base, data.of(witness)
+    known, names = WITNESSES[witness], [name for name in AXES if data.subset(mine).varies(name)]
     if not names:
         return None
-    residual = residual_percent(problem, base.fit, data.session)
-    error = 100.0 * problem.noise.relative_std * base.beside_discrepancy.scale
+    residual = residual_percent(problem, base.fit, data, witness)
+    error = 100.0 * problem.noise.own_std[mine] * base.beside_discrepancy.scale
     shown = [base, *leaders(found)]
-    log_cof = [problem.predictor.log_cof(model.kinds, model.fit.vector[None])[0] for model in shown]
+    predicted = [problem.predictor.predicted(model.kinds, model.fit.vector[None])[0] for model in shown]
     changes = [
-        (words(model.name), 100.0 * np.expm1(log - log_cof[0]))
-        for model, log in zip(shown[1:], log_cof[1:], strict=True)
+        (words(model.name), percent(problem.predictor.less(one, predicted[0]), witness)[mine])
+        for model, one in zip(shown[1:], predicted[1:], strict=True)
     ]
+    data = data.subset(mine)
     wide = min(len(names), 3)
     high = -(-len(names) // wide)
     size = (4.1 * wide + 0.6, 3.3 * high + 0.9)
@@ -232,11 +246,12 @@ def fingerprint(data: Measurements, found: Findings) -> Figure | None:
     for ax in axes.flat[len(names) :]:
         ax.set_visible(False)
     for row in axes:
-        row[0].set_ylabel("change of friction against\nthe model as given, %")
+        row[0].set_ylabel(f"change of {known.words} against\nthe model as given, {known.unit}")
     handles, labels = axes[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(handles), frameon=False)
     figure.suptitle(
-        "Fingerprint: what the data show (points), and what each candidate, fitted to them, would make (lines)",
+        f"Fingerprint{'' if witness == FRICTION else f' in the {known.words}'}: what the data show (points), and what "
+        "each candidate, fitted to them, would make (lines)",
         fontsize=11,
     )
     return figure

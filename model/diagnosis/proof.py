@@ -14,7 +14,7 @@ from model.diagnosis.fit import Problem
 from model.diagnosis.naming import Candidate
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.rival import evidence
-from model.diagnosis.space import NUISANCES, Predictor
+from model.diagnosis.space import Predictor, nuisances
 from model.effects import Effect
 from model.support.arrays import Array
 
@@ -57,6 +57,7 @@ def prove(
     a row to judge, is left out.
     """
     by, fold = _folds(data, seed)
+    free = nuisances(description, data)
     names = [data.session_names[i] if by == "session" else f"block {i + 1}" for i in range(fold.max() + 1)]
     contenders = [chosen, *[r for r in rivals if r.kinds != chosen.kinds]]
     judged, before, after, kept, weights = [], [], [], [], []
@@ -66,16 +67,16 @@ def prove(
         inner_noise = noise_of(inside)
         if inner_noise is None or outside.count < 2:
             continue
-        problem = Problem(Predictor(description, inside), np.log(inside.columns["cof"]), inner_noise)
+        problem = Problem(Predictor(description, inside, free), inside.observed, inner_noise)
         fits = [problem.fit(c.kinds, c.fit.vector) for c in contenders]
-        base = problem.fit((), chosen.fit.vector[: len(NUISANCES)])
+        base = problem.fit((), chosen.fit.vector[: len(free)])
         scores = [evidence(f, inner_noise).log_evidence - 3.0 * len(f.kinds) for f in fits]
         selected = fits[int(np.argmax(scores))]
-        outer = Predictor(description, outside)
-        relative = noise.relative_std[fold == i] * scale
+        outer = Predictor(description, outside, free)
+        own_std = noise.own_std[fold == i] * scale
         judged.append(names[i])
-        before.append(_error(outer, outside, (), base.vector, relative))
-        after.append(_error(outer, outside, selected.kinds, selected.vector, relative))
+        before.append(_error(outer, outside, (), base.vector, own_std))
+        after.append(_error(outer, outside, selected.kinds, selected.vector, own_std))
         kept.append(selected.kinds == chosen.kinds)
         weights.append(outside.count)
     if not before:
@@ -93,20 +94,20 @@ def prove(
 def _folds(data: Measurements, seed: int) -> tuple[str, NDArray[np.intp]]:
     if len(np.unique(data.session)) >= FEWEST_SESSIONS:
         return "session", np.unique(data.session, return_inverse=True)[1].ravel()
-    group = data.replicate_groups()
+    group = data.replicate_groups(apart=False)
     shuffled = np.random.default_rng(seed).permutation(group.max() + 1) % BLOCKS
     return "block", shuffled[group]
 
 
-def _error(outer: Predictor, data: Measurements, kinds: Kinds, vector: Array, relative: Array) -> float:
-    """Mean squared held-out residual in units of the noise, the held-out sessions' own gain removed."""
-    residual = np.log(data.columns["cof"]) - outer.log_cof(kinds, vector[None])[0]
-    weight = 1.0 / relative**2
-    sessions = np.unique(data.session)
-    for s in sessions:
-        rows = data.session == s
+def _error(outer: Predictor, data: Measurements, kinds: Kinds, vector: Array, own_std: Array) -> float:
+    """Mean squared held-out residual in units of the noise, the held-out sessions' own gains removed."""
+    residual = outer.less(data.observed, outer.predicted(kinds, vector[None])[0])
+    weight = 1.0 / own_std**2
+    groups = np.unique(data.group)
+    for g in groups:
+        rows = data.group == g
         residual[rows] -= np.sum(residual[rows] * weight[rows]) / np.sum(weight[rows])
-    return float(np.sum(residual**2 * weight) / max(data.count - sessions.size, 1))
+    return float(np.sum(residual**2 * weight) / max(data.count - groups.size, 1))
 
 
 def _closed(before: Array, after: Array, weight: Array) -> float:

@@ -18,8 +18,8 @@ from model.diagnosis.next_experiment import next_experiments
 from model.diagnosis.page import write_html
 from model.diagnosis.pictures import leaders, pictures
 from model.diagnosis.proof import prove
-from model.diagnosis.space import NUISANCES
 from model.diagnosis.where import Disagreement, Region
+from model.diagnosis.witness import WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
 from model.effects import BY_NAME, CATALOGUE
 from model.parameters import Parameter
@@ -143,19 +143,22 @@ def _region(region: Region) -> Record:
         "sign": region.sign,
         "rows": region.count,
         "z": region.z,
-        "mean_relative_error": math.expm1(region.mean_log_error),
+        "witness": WITNESSES[region.witness].column,
+        "mean_relative_error": None if WITNESSES[region.witness].is_phase else math.expm1(region.mean_error),
+        "mean_error_rad": region.mean_error if WITNESSES[region.witness].is_phase else None,
     }
 
 
 def _data(diagnosis: Diagnosis) -> Record:
     data, noise = diagnosis.data, diagnosis.noise
     return {
-        "rows": data.count,
-        "rows_with_voltage": int(data.driven.sum()),
+        "rows": data.rows,
+        "rows_with_voltage": int(data.driven.sum()) if data.row is None else int(np.unique(data.row[data.driven]).size),
+        "witnesses": {WITNESSES[i].column: int(data.of(i).sum()) for i in data.witnesses},
         "sessions": len(np.unique(data.session)),
         "columns": sorted(data.columns),
         "noise_source": None if noise is None else noise.source,
-        "noise_relative_std": None if noise is None else float(np.median(noise.relative_std)),
+        "noise_relative_std": None if noise is None else float(np.median(noise.own_std)),
         "replicate_degrees_of_freedom": None if noise is None else noise.replicate_degrees,
         "hash": data.content_hash,
     }
@@ -172,8 +175,9 @@ def _tests(scan: Disagreement) -> Record:
 
 def _parameters(found: Findings, description: ModelDescription) -> list[Record]:
     """The finger's parameters: in the input model, fitted without and with the effects; drift in prior sd."""
+    free = found.problem.predictor.free
     fits = {"before": found.weighed.base.fit, "after": found.verdict.chosen.fit}
-    fitted = {when: fitted_nuisances(description, fit) for when, fit in fits.items()}
+    fitted = {when: fitted_nuisances(description, fit, free) for when, fit in fits.items()}
     return [
         {
             "name": n.name,
@@ -181,7 +185,7 @@ def _parameters(found: Findings, description: ModelDescription) -> list[Record]:
             "model": description.parameters[n.name].value,
         }
         | {w: _number(fitted[w][n.name]) | {"drift": n.in_std(float(fit.vector[i]))} for w, fit in fits.items()}
-        for i, n in enumerate(NUISANCES)
+        for i, n in enumerate(free)
     ]
 
 

@@ -2,7 +2,7 @@
 
 The discrepancy of log friction is a Gaussian process with an additive squared-exponential kernel: one term per input
 that varies, for the force (driven rows) and for friction itself (all rows), and one for frequency together with each of
-voltage, time and speed.
+voltage, time and speed. Every other witness has terms of its own, likewise.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from scipy.special import gammaln, logsumexp
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit
 from model.diagnosis.noise import Noise
+from model.diagnosis.witness import FRICTION
 from model.support.arrays import Array
 
 LENGTH = 0.8  # of the kernel, in standardised inputs
@@ -30,7 +31,8 @@ SCALES = np.exp(np.linspace(np.log(0.2), np.log(5.0), 41))  # of the noise, inte
 def standardised(data: Measurements, name: str) -> Array:
     """One input [n] to zero mean and unit spread; logarithms where it spans decades."""
     values = data.columns[name]
-    rows = data.driven if name in ("frequency_hz", "voltage_v") else np.ones(data.count, bool)
+    rows = data.driven if name in ("frequency_hz", "voltage_v") else data.sliding if name == "speed_m_s" else None
+    rows = np.ones(data.count, bool) if rows is None else rows
     x = np.log(np.where(rows, np.maximum(values, 1e-12), 1.0)) if name in LOG_INPUTS else values
     x = np.where(rows, x, 0.0)
     centre, spread = x[rows].mean(), x[rows].std()
@@ -39,21 +41,32 @@ def standardised(data: Measurements, name: str) -> Array:
 
 def features(data: Measurements, noise: Noise) -> list[Array]:
     """Whitened features F [n, m] of every term (F F' is its kernel at unit amplitude); all terms together come last."""
+    parts = []
+    for witness in data.witnesses:
+        mine = data.of(witness)
+        for part in _terms(data.subset(mine), witness == FRICTION):
+            parts.append(np.zeros((data.count, part.shape[1])))
+            parts[-1][mine] = part
+    if not parts:
+        return [np.zeros((data.count, 0))]
+    whitened = [noise.whiten(part) for part in parts]
+    return [*whitened, np.concatenate(whitened, axis=1)]
+
+
+def _terms(data: Measurements, has_force: bool) -> list[Array]:
+    """The terms of one witness's observations; `has_force`: driven rows tell of more than the others."""
     driven = data.driven.astype(float)[:, None]
     inputs = {name: standardised(data, name) for name in INPUTS if data.varies(name)}
     parts = []
     for name, x in inputs.items():
         part = _roots(x[:, None])
         parts.append(part * driven)
-        if name not in ("frequency_hz", "voltage_v"):
+        if has_force and name not in ("frequency_hz", "voltage_v"):
             parts.append(part)
     for name in ("voltage_v", "time_s", "speed_m_s"):
         if "frequency_hz" in inputs and name in inputs:
             parts.append(_roots(np.stack([inputs["frequency_hz"], inputs[name]], axis=1)) * driven)
-    if not parts:
-        return [np.zeros((data.count, 0))]
-    whitened = [noise.whiten(part) for part in parts]
-    return [*whitened, np.concatenate(whitened, axis=1)]
+    return parts
 
 
 def _roots(x: Array) -> Array:

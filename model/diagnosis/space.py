@@ -12,12 +12,14 @@ import numpy as np
 from model import solver
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
+from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, VOLTAGE, VOLTAGE_PHASE
 from model.effects import Effect
+from model.electric.current import sliding_admittance_per_m
 from model.parameters import TouchParameters
 from model.support.arrays import Array
 from model.support.errors import ModelError
 from model.touch import Drive
-from model.touch_model import TouchModel, cof, prepare
+from model.touch_model import PreparedTouch, TouchModel, cof, electrode_current_a, prepare
 
 FARTHEST = 6.0  # prior units
 
@@ -65,21 +67,42 @@ FINGER = (
 # Dust, sebum or a protective film of some 10 nm is no effect worth a name, and 0.3 um changes force as much as one.
 GAP_OFFSET = Nuisance("gap_offset_m", 2.0, tail=0.01, added=3e-9)
 NUISANCES = (*FINGER, GAP_OFFSET)
+AREA = Nuisance("contact_area_m2", 0.15)
+# Leads and electrodes have 10 to 1000 pF; a model file that says how well its own is known narrows that.
+STRAY = Nuisance("stray_capacitance_f", 1.5, tail=0.01, added=1e-10)
+REST = Nuisance("rest_softening", 0.8, tail=0.01)
+
+
+def nuisances(description: ModelDescription, data: Measurements) -> tuple[Nuisance, ...]:
+    """What differs between fingers and rigs, as far as these data can show it."""
+    free = [*NUISANCES]
+    if data.of(CURRENT).any() or data.of(CURRENT_PHASE).any():
+        own = description.parameters[STRAY.name]
+        known = own.value > 0.0 and own.std is not None and own.std > 0.0
+        free += [AREA, Nuisance(STRAY.name, own.std / own.value, tail=0.01) if known and own.std else STRAY]
+    if data.finger is not None and np.any(data.finger == "resting"):
+        free.append(REST)
+    return tuple(free)
 
 
 class Predictor:
-    """The model on one data set's conditions: parameter vectors in, log friction out.
+    """The model on one data set's conditions: parameter vectors in, what every witness should say out.
 
-    Rows with equal conditions are solved once. `effects` of the description are always on; those asked for are on
-    where the data set says so.
+    Observations with equal conditions are solved once. `effects` of the description are always on; those asked for are
+    on where the data set says so. `free`: what a vector begins with, by default what the data can show.
     """
 
-    def __init__(self, description: ModelDescription, data: Measurements, free: Sequence[Nuisance] = NUISANCES) -> None:
+    def __init__(
+        self, description: ModelDescription, data: Measurements, free: Sequence[Nuisance] | None = None
+    ) -> None:
         if description.is_published:
             raise ModelError("the equations as printed cannot be fitted to data", "Use a model of variant 'corrected'")
         self.description = description
-        self.free = tuple(free)
+        self.free = nuisances(description, data) if free is None else tuple(free)
         self._on = data.effects_on
+        self._is_phase = data.is_phase
+        self._witnesses = [(witness, data.of(witness)) for witness in data.witnesses]
+        self._against = [data.against(witness) for witness in data.witnesses]
         self._table = TouchModel(description).table
         drive = data.conditions().drive()
         fields = [np.broadcast_to(np.asarray(v, float), data.count) for v in vars(drive).values()]
@@ -91,8 +114,19 @@ class Predictor:
         }
         self._drive = Drive(**pick)
 
-    def log_cof(self, kinds: Sequence[type[Effect]], vectors: Array) -> Array:
-        """Log friction [m, n] for parameter vectors [m, k]: nuisances first, then each effect's parameters in order."""
+    def size(self, kinds: Sequence[type[Effect]]) -> int:
+        """Length of a parameter vector."""
+        return len(self.free) + sum(len(kind.parameters()) for kind in kinds)
+
+    def less(self, values: Array, predicted: Array) -> Array:
+        """What observed `values` [n] have over `predicted` ones [..., n]; angles within half a turn."""
+        difference = values - predicted
+        if not self._is_phase.any():
+            return difference
+        return np.where(self._is_phase, np.remainder(difference + np.pi, 2.0 * np.pi) - np.pi, difference)
+
+    def predicted(self, kinds: Sequence[type[Effect]], vectors: Array) -> Array:
+        """As observed [m, n], for parameter vectors [m, k]: nuisances first, then each effect's parameters in order."""
         parameters, effects = self.decode(kinds, vectors)
         with_effects = self._solve(parameters, effects, len(vectors))
         if self._on is None or not effects:
@@ -102,10 +136,35 @@ class Predictor:
     def _solve(self, parameters: TouchParameters, effects: list[Effect], count: int) -> Array:
         touch = prepare(parameters, self.description.dielectric, (*self.description.effects, *effects), self._drive)
         p_e, _ = solver.solve(self._table, touch.circuit)
+        electrical = any(witness != FRICTION for witness, _ in self._witnesses)
+        answers = self._friction(parameters, touch, p_e) | (self._electrode(touch, p_e) if electrical else {})
+        predicted = np.empty((count, self._row.size))
+        for (witness, mine), against in zip(self._witnesses, self._against, strict=True):
+            here = np.broadcast_to(answers[witness], (count, answers[witness].shape[-1]))[:, self._row[mine]]
+            if against.any():
+                other = VOLTAGE if witness == CURRENT else VOLTAGE_PHASE
+                there = np.broadcast_to(answers[other], (count, answers[other].shape[-1]))[:, self._row[mine]]
+                here = here - np.where(against, there, 0.0)
+            predicted[:, mine] = here
+        return predicted
+
+    def _friction(self, parameters: TouchParameters, touch: PreparedTouch, p_e_pa: Array) -> dict[int, Array]:
         law, load_n = self.description.friction_law, self._drive.normal_force_n
         with np.errstate(invalid="ignore", divide="ignore"):
-            log_cof = np.log(cof(law, parameters, touch, p_e, load_n))
-        return np.broadcast_to(log_cof, (count, log_cof.shape[-1]))[:, self._row]
+            return {FRICTION: np.log(cof(law, parameters, touch, p_e_pa, load_n))}
+
+    def _electrode(self, touch: PreparedTouch, p_e_pa: Array) -> dict[int, Array]:
+        total_pa = touch.circuit.load_pa + p_e_pa + touch.circuit.added_pa
+        gaps_per_m = sliding_admittance_per_m(self._table, touch.circuit, total_pa)
+        current_a = electrode_current_a(self._table, touch, gaps_per_m, total_pa)
+        voltage_v = touch.electrode_v.reshape(touch.shape)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return {
+                CURRENT: np.log(np.abs(current_a)),
+                CURRENT_PHASE: np.angle(current_a),
+                VOLTAGE: np.log(np.abs(voltage_v)),
+                VOLTAGE_PHASE: np.angle(voltage_v),
+            }
 
     def decode(self, kinds: Sequence[type[Effect]], vectors: Array) -> tuple[TouchParameters, list[Effect]]:
         """Parameters and effects as columns [m, 1]."""
@@ -122,8 +181,3 @@ class Predictor:
             effects.append(kind(**{p.name: p.from_normal(x) for p, x in zip(known, given, strict=True)}))
             position += len(known)
         return replace(values, **changed), effects
-
-
-def size(kinds: Sequence[type[Effect]]) -> int:
-    """Length of a parameter vector."""
-    return len(NUISANCES) + sum(len(kind.parameters()) for kind in kinds)

@@ -14,6 +14,7 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit
 from model.diagnosis.noise import Noise, rows_in_order
 from model.diagnosis.rival import INPUTS, standardised
+from model.diagnosis.witness import FRICTION
 from model.support.arrays import Array, Mask
 
 PAIRS = (
@@ -30,7 +31,7 @@ ALARM = 0.01
 
 @dataclass(frozen=True)
 class Region:
-    """A contiguous range of one input, or of two; `sign` +1 where measured friction exceeds the model's."""
+    """A contiguous range of one input, or of two, in one witness; `sign` +1 where that exceeds the model's."""
 
     axes: tuple[str, ...]
     low: tuple[float, ...]
@@ -38,11 +39,12 @@ class Region:
     count: int
     z: float
     p_value: float
-    mean_log_error: float
+    mean_error: float
+    witness: int = FRICTION
 
     @property
     def sign(self) -> int:
-        """+1: more friction than the model says; -1: less."""
+        """+1: more than the model says; -1: less."""
         return 1 if self.z > 0 else -1
 
 
@@ -82,15 +84,18 @@ class _Box:
     low: tuple[float, ...]
     high: tuple[float, ...]
     rows: Mask
+    witness: int = FRICTION
 
 
 def _boxes(data: Measurements) -> list[_Box]:
-    """Contiguous ranges of bins of each input, and of the pairs; every set of rows once."""
-    ranges = {name: _ranges(data, name) for name in INPUTS if data.varies(name)}
-    boxes = [_Box((name,), (low,), (high,), rows) for name, items in ranges.items() for low, high, rows in items]
-    for a, b in PAIRS:
-        if a in ranges and b in ranges:
-            boxes += [_Box((a, b), (la, lb), (ha, hb), ra & rb) for la, ha, ra in ranges[a] for lb, hb, rb in ranges[b]]
+    """Contiguous ranges of bins of each input, and of the pairs, in each witness; every set of rows once."""
+    boxes: list[_Box] = []
+    for witness in data.witnesses:
+        mine = data.of(witness)
+        for box in _ranges_of(data.subset(mine)):
+            rows = np.zeros(data.count, bool)
+            rows[mine] = box.rows
+            boxes.append(_Box(box.axes, box.low, box.high, rows, witness))
     seen: set[bytes] = set()
     distinct = []
     for box in boxes:
@@ -99,6 +104,15 @@ def _boxes(data: Measurements) -> list[_Box]:
             seen.add(key)
             distinct.append(box)
     return distinct
+
+
+def _ranges_of(data: Measurements) -> list[_Box]:
+    ranges = {name: _ranges(data, name) for name in INPUTS if data.varies(name)}
+    boxes = [_Box((name,), (low,), (high,), rows) for name, items in ranges.items() for low, high, rows in items]
+    for a, b in PAIRS:
+        if a in ranges and b in ranges:
+            boxes += [_Box((a, b), (la, lb), (ha, hb), ra & rb) for la, ha, ra in ranges[a] for lb, hb, rb in ranges[b]]
+    return boxes
 
 
 def _ranges(data: Measurements, name: str) -> list[tuple[float, float, Mask]]:
@@ -146,7 +160,8 @@ def _scan(
         p = float((np.sum(largest >= abs(z[best])) + 1.0) / (DRAWS + 1.0))
         box = boxes[best]
         error = float(raw[box.rows].mean())
-        regions.append(Region(box.axes, box.low, box.high, int(box.rows.sum()), float(z[best]), p, error))
+        count = int(box.rows.sum())
+        regions.append(Region(box.axes, box.low, box.high, count, float(z[best]), p, error, box.witness))
         left = left - z[best] * directions[:, best]
         if p > 0.2:
             break
@@ -155,14 +170,19 @@ def _scan(
 
 def _lack_of_fit(data: Measurements, noise: Noise, residual: Array, tangent: Array) -> float:
     """p of a smooth (quadratic) pattern in the inputs that the model's own parameters cannot make."""
-    driven = data.driven.astype(float)
-    x = {name: standardised(data, name) for name in INPUTS if data.varies(name)}
-    columns = [driven]
-    for i, a in enumerate(x):
-        weight = driven if a in ("frequency_hz", "voltage_v") else 1.0
-        columns.append(x[a] * weight)
-        columns += [x[a] * x[b] * driven for b in list(x)[i:]]
-    basis = noise.whiten(np.stack(columns, axis=1))
+    columns = []
+    for witness in data.witnesses:
+        mine = data.of(witness)
+        part = data.subset(mine)
+        driven = part.driven.astype(float)
+        x = {name: standardised(part, name) for name in INPUTS if part.varies(name)}
+        of_witness = [driven]
+        for i, a in enumerate(x):
+            of_witness.append(x[a] * (driven if a in ("frequency_hz", "voltage_v") else 1.0))
+            of_witness += [x[a] * x[b] * driven for b in list(x)[i:]]
+        columns.append(np.zeros((data.count, len(of_witness))))
+        columns[-1][mine] = np.stack(of_witness, axis=1)
+    basis = noise.whiten(np.concatenate(columns, axis=1))
     basis -= tangent @ (tangent.T @ basis)
     left, singular, _ = np.linalg.svd(basis, full_matrices=False)
     left = left[:, singular > 1e-6 * singular[0]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -16,9 +16,10 @@ from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.proof import Proof, prove
 from model.diagnosis.rival import features, left_beside
 from model.diagnosis.sessions import inflation, names, split_sessions, unlike_sessions
-from model.diagnosis.space import NUISANCES, Predictor
+from model.diagnosis.space import STRAY, Nuisance, Predictor, nuisances
 from model.diagnosis.verdict import Verdict, Weighed, decide
 from model.diagnosis.where import Disagreement, disagreement, neighbour_correlation
+from model.diagnosis.witness import CURRENT, FRICTION
 from model.effects import CATALOGUE, Effect
 from model.support.arrays import Array
 
@@ -26,6 +27,7 @@ FEWEST_ROWS = 12
 FEWEST_DRIVEN = 8
 OUTLIER = 4.5  # noise standard deviations from the most flexible model
 CORRELATED_P = 1e-3
+OPEN = ("cof_off", "stray_capacitance_f")  # nobody expects a certain one
 FAR_OFF = 2.5  # prior standard deviations of a nuisance that are worth a warning
 SESSIONS_NATS = 3.0  # by which an effect in some sessions must beat more noise there
 LEADERS = 4  # rivals that take part in the held-out proof
@@ -86,7 +88,7 @@ def diagnose(
     leaders = sorted(singles, key=lambda c: -c.alone.log_evidence)[:LEADERS]
     scale = verdict.chosen.beside_discrepancy.scale
     proof = prove(description, data, noise, verdict.chosen, leaders, scale, seed, progress)
-    warnings += _nuisance_warnings(verdict.chosen)
+    warnings += _nuisance_warnings(problem.predictor.free, verdict.chosen)
     findings = Findings(problem, weighed, verdict, before, scan(verdict.chosen), proof)
     return Diagnosis(data, noise, findings, tuple(warnings), seed)
 
@@ -97,7 +99,7 @@ def _blocked(data: Measurements, noise: Noise | None, kinds: list[type[Effect]])
         return "no cof_std and no replicates: without a noise, no discrepancy can be told from chance"
     driven = data.driven
     if data.count < FEWEST_ROWS or driven.sum() < FEWEST_DRIVEN:
-        return f"{data.count} rows, {int(driven.sum())} with voltage: {FEWEST_ROWS} and {FEWEST_DRIVEN} are needed"
+        return f"{data.rows} rows, {int(driven.sum())} with voltage: {FEWEST_ROWS} and {FEWEST_DRIVEN} are needed"
     if not kinds:
         return "every effect that these data could show is in the model already"
     return ""
@@ -113,7 +115,7 @@ class _Setting(NamedTuple):
 
 
 def _setting(description: ModelDescription, data: Measurements, noise: Noise, start: Array) -> _Setting:
-    problem = Problem(Predictor(description, data), np.log(data.columns["cof"]), noise)
+    problem = Problem(Predictor(description, data), data.observed, noise)
     discrepancy = features(data, noise)
     return _Setting(data, problem, discrepancy, candidate(problem, discrepancy, (), problem.fit((), start)))
 
@@ -162,13 +164,7 @@ def _fit_singles(
 
 def _base(description: ModelDescription, data: Measurements, noise: Noise, warnings: list[str]) -> _Setting:
     """Fit the base model; once more with outliers widened and neighbours correlated, where residuals show either."""
-    log_cof = np.log(data.columns["cof"])
-    start = np.zeros(len(NUISANCES))
-    start[0] = (
-        np.clip((np.median(log_cof[~data.driven]) - np.log(description.values.cof_off)) / NUISANCES[0].log_std, -5, 5)
-        if (~data.driven).any()
-        else 0.0
-    )
+    start = _start(description, data)
     inflation, correlation = np.ones(data.count), 0.0
     for attempt in range(3):
         setting = _setting(description, data, noise, start)
@@ -194,15 +190,31 @@ def _base(description: ModelDescription, data: Measurements, noise: Noise, warni
     return setting
 
 
+def _start(description: ModelDescription, data: Measurements) -> Array:
+    """Where the base fit begins: friction as without voltage, and no more stray capacitance than any current allows."""
+    free = nuisances(description, data)
+    start = np.zeros(len(free))
+    undriven = data.of(FRICTION) & ~data.driven
+    if undriven.any():
+        off = np.median(data.observed[undriven]) - np.log(description.values.cof_off)
+        start[0] = np.clip(off / free[0].log_std, -5, 5)
+    if STRAY in free:
+        mine = data.of(CURRENT)
+        farads = data.columns["current_a"] / (2.0 * np.pi * data.columns["frequency_hz"] * data.columns["voltage_v"])
+        if mine.any():
+            start[free.index(STRAY)] = np.clip(np.log(farads[mine].min() / STRAY.added) / STRAY.log_std, -5, 5)
+    return start
+
+
 def _neighbour_correlation(data: Measurements, residual: Array) -> float:
     correlation, p = neighbour_correlation(data, residual)
     return float(np.clip(correlation, 0.0, 0.8)) if p < CORRELATED_P and correlation > 0.0 else 0.0
 
 
-def _nuisance_warnings(chosen: Candidate) -> list[str]:
-    shifts = {n.name: n.in_std(float(x)) for n, x in zip(NUISANCES, chosen.fit.vector, strict=False)}
+def _nuisance_warnings(free: Sequence[Nuisance], chosen: Candidate) -> list[str]:
+    shifts = {n.name: n.in_std(float(x)) for n, x in zip(free, chosen.fit.vector, strict=False)}
     return [
         f"{name} moved {shift:+.1f} prior standard deviations: check the finger or the model file"
         for name, shift in shifts.items()
-        if name != NUISANCES[0].name and abs(shift) > FAR_OFF
+        if name not in OPEN and abs(shift) > FAR_OFF
     ]

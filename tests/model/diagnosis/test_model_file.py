@@ -84,8 +84,8 @@ def test_the_file_predicts_what_the_fit_did(finger: ModelDescription, tmp_path: 
     assert found.findings is not None
     chosen = found.findings.verdict.chosen.fit
     write_model(found, finger, tmp_path / "model.toml", "d.csv")
-    expected = Predictor(finger, found.data).log_cof(chosen.kinds, chosen.vector[None])
-    read = Predictor(read_model(tmp_path / "model.toml"), found.data, FINGER).log_cof((), np.zeros((1, 4)))
+    expected = Predictor(finger, found.data).predicted(chosen.kinds, chosen.vector[None])
+    read = Predictor(read_model(tmp_path / "model.toml"), found.data, FINGER).predicted((), np.zeros((1, 4)))
     np.testing.assert_allclose(read, expected, rtol=1e-12)
 
 
@@ -115,7 +115,7 @@ def test_a_linear_parameter_keeps_its_error_at_zero() -> None:
 
 
 def test_fitted_parameters_stay_within_what_a_file_may_say(finger: ModelDescription) -> None:
-    found = fitted_nuisances(finger, fit((), np.array([6.0, 0.0, 0.0, 0.0, 0.0])))
+    found = fitted_nuisances(finger, fit((), np.array([6.0, 0.0, 0.0, 0.0, 0.0])), NUISANCES)
     assert found["cof_off"].value == 5.0
 
 

@@ -146,12 +146,12 @@ def test_settings_to_come_leave_the_measured_rows_as_they_were() -> None:
     measured = replace(_measured(_friction(settings, ""), settings, session), effects_on=session == 1.0)
     noise = noise_of(measured)
     assert noise is not None
-    problem = Problem(Predictor(FINGER, measured), np.log(measured.columns["cof"]), noise)
+    problem = Problem(Predictor(FINGER, measured), measured.observed, noise)
     chosen = Measurements(dict(zip(SETTING, settings[:2].T, strict=True)), np.zeros(2, np.intp), ("n",), None, "")
     wider = design._extended(measured, FINGER, problem, chosen)
     gain = BY_NAME["drive_gain_error"]
     vector = np.append(np.zeros(len(NUISANCES)), 2.0)[None]
-    before, after = (p.predictor.log_cof([gain], vector)[0] for p in (problem, wider))
+    before, after = (p.predictor.predicted([gain], vector)[0] for p in (problem, wider))
     np.testing.assert_allclose(after[: measured.count], before, rtol=1e-12)
-    alone = wider.predictor.log_cof([], vector[:, :-1])[0]
+    alone = wider.predictor.predicted([], vector[:, :-1])[0]
     assert np.all(after[measured.count :] > alone[measured.count :])  # and the effect is on in what is to come

@@ -40,7 +40,7 @@ def data(rows_per_session: list[int]) -> Measurements:
 def held_out(measured: Measurements, scale: float = 1.0) -> Proof:
     noise = noise_of(measured)
     assert noise is not None
-    problem = Problem(Predictor(FINGER, measured), np.log(measured.columns["cof"]), noise)
+    problem = Problem(Predictor(FINGER, measured), measured.observed, noise)
     base: Candidate = candidate(problem, features(measured, noise), (), problem.fit((), np.zeros(len(NUISANCES))))
     return prove(FINGER, measured, noise, base, [], scale, 0, lambda _: None)
 

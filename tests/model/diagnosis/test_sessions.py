@@ -58,9 +58,9 @@ def test_a_predictor_switches_effects_on_only_where_the_data_say_so(tmp_path) ->
     gain = BY_NAME["drive_gain_error"]
     vector = np.append(np.zeros(len(NUISANCES)), 2.0)[None]
     description = read_model(MODEL)
-    partly = Predictor(description, replace(data, effects_on=on)).log_cof([gain], vector)[0]
-    everywhere = Predictor(description, data).log_cof([gain], vector)[0]
-    nowhere = Predictor(description, data).log_cof([], vector[:, :-1])[0]
+    partly = Predictor(description, replace(data, effects_on=on)).predicted([gain], vector)[0]
+    everywhere = Predictor(description, data).predicted([gain], vector)[0]
+    nowhere = Predictor(description, data).predicted([], vector[:, :-1])[0]
     np.testing.assert_array_equal(partly, np.where(on, everywhere, nowhere))
     assert np.any(everywhere[data.driven] != nowhere[data.driven])
 

@@ -1,0 +1,92 @@
+"""What bears witness to the touch: friction, and the voltage and the current at the electrode.
+
+Amounts are compared as logarithms, phases in rad. A current beside a measured voltage of the electrode is taken against
+that, so that what the amplifier does cancels: the voltage's own witnesses tell of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.support.arrays import Array
+
+
+@dataclass(frozen=True)
+class Witness:
+    """One column of a data file that the model predicts.
+
+    `std` is the column of its standard deviation; `usual_std` (relative, or rad) stands for it where neither that nor
+    replicates say it. `gain_std` is what all rows of a session share: electrodes, washing and
+    posture for friction, the monitors' gain and delay for the others. `against` is a column that it is compared with
+    where that is measured in the same row.
+    """
+
+    column: str
+    std: str
+    words: str
+    gain_std: float
+    usual_std: float | None
+    is_phase: bool = False
+    against: str = ""
+    range: tuple[float, float, str] = (-np.inf, np.inf, "")
+
+    @property
+    def unit(self) -> str:
+        """Of a difference between measured and predicted, as pictures show it."""
+        return "0.01 rad" if self.is_phase else "%"
+
+
+WITNESSES = (
+    Witness("cof", "cof_std", "friction", 0.05, None, range=(1e-3, 20.0, "")),
+    Witness(
+        "current_a", "current_std_a", "current", 0.03, 0.02, against="electrode_voltage_v", range=(1e-12, 100.0, "A")
+    ),
+    Witness(
+        "current_phase_rad",
+        "current_phase_std_rad",
+        "current's phase",
+        0.01,
+        0.035,
+        is_phase=True,
+        against="electrode_voltage_phase_rad",
+        range=(-10.0, 10.0, "rad"),
+    ),
+    Witness(
+        "electrode_voltage_v", "electrode_voltage_std_v", "electrode's voltage", 0.01, 0.01, range=(1e-6, 1e4, "V")
+    ),
+    Witness(
+        "electrode_voltage_phase_rad",
+        "electrode_voltage_phase_std_rad",
+        "voltage's phase",
+        0.01,
+        0.01,
+        is_phase=True,
+        range=(-10.0, 10.0, "rad"),
+    ),
+)
+FRICTION, CURRENT, CURRENT_PHASE, VOLTAGE, VOLTAGE_PHASE = range(5)
+BY_COLUMN = {witness.column: witness for witness in WITNESSES}
+
+
+def observed(witness: Witness, columns: dict[str, Array]) -> Array:
+    """Rows [n] of one witness as they are compared: logarithms, or rad, less what they are taken against."""
+    values = columns[witness.column]
+    value = values if witness.is_phase else np.log(values)
+    if witness.against not in columns:
+        return value
+    against = columns[witness.against]
+    return np.asarray(value - np.nan_to_num(against if witness.is_phase else np.log(against)))
+
+
+def stated_std(witness: Witness, columns: dict[str, Array]) -> Array:
+    """Standard deviation [n] of that as the file states it, NaN where it does not."""
+    nothing = np.full(columns[witness.column].size, np.nan)
+    std = columns.get(witness.std, nothing)
+    own = std if witness.is_phase else std / columns[witness.column]
+    if witness.against not in columns:
+        return own
+    other = BY_COLUMN[witness.against]
+    more = np.nan_to_num(stated_std(other, columns), nan=other.usual_std or 0.0)
+    return np.where(np.isfinite(columns[witness.against]), np.hypot(own, more), own)
