@@ -255,7 +255,12 @@ def _extended(data: Measurements, description: ModelDescription, problem: Proble
     lower = np.zeros((extended.count, extended.count))
     lower[: data.count, : data.count] = noise.lower
     lower[data.count :, data.count :] = cholesky(np.diag(own_std**2) + SESSION_GAIN_STD**2, lower=True)
-    wider = replace(noise, own_std=np.concatenate([noise.own_std, own_std]), lower=lower)
+    wider = replace(
+        noise,
+        own_std=np.concatenate([noise.own_std, own_std]),
+        lower=lower,
+        blocks=(*noise.blocks, np.arange(data.count, extended.count)),
+    )
     return Problem(Predictor(description, extended, problem.predictor.free), np.zeros(extended.count), wider)
 
 

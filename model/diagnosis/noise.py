@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,8 @@ class Noise:
 
     The scale's square is inverse-gamma around 1 with `degrees` degrees of freedom; `source` says where the noise comes
     from, `replicate_degrees` how many replicates checked it; `correlation` and `inflation` are what it was asked to be.
-    `whiten` takes residuals [n] or [n, k] to unit variance.
+    `whiten` takes residuals [n] or [n, k] to unit variance. `blocks`: what shares no noise with the rest, each by its
+    numbers; all together where there are none.
     """
 
     own_std: Array
@@ -34,6 +36,7 @@ class Noise:
     correlation: float
     inflation: Array
     warnings: tuple[str, ...] = field(default=())
+    blocks: tuple[NDArray[np.intp], ...] = ()
 
     @property
     def log_determinant(self) -> float:
@@ -42,7 +45,17 @@ class Noise:
 
     def whiten(self, values: Array) -> Array:
         """L^-1 values."""
-        return np.asarray(solve_triangular(self.lower, values, lower=True, check_finite=False))
+        if not self.blocks:
+            return np.asarray(solve_triangular(self.lower, values, lower=True, check_finite=False))
+        white = np.empty(values.shape)
+        for block, inverse in zip(self.blocks, self._inverses, strict=True):
+            white[block] = inverse @ values[block]
+        return white
+
+    @cached_property
+    def _inverses(self) -> list[Array]:
+        lowers = (self.lower[np.ix_(block, block)] for block in self.blocks)
+        return [solve_triangular(lower, np.eye(len(lower)), lower=True) for lower in lowers]
 
 
 @dataclass(frozen=True)
@@ -70,20 +83,26 @@ def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | No
         own_std[mine] = own.std
         found.append(own)
     own_std = np.maximum(own_std, 1e-4)
-    covariance = np.diag(own_std**2)
-    if correlation != 0.0:
-        covariance += _correlated(data, correlation, own_std)
-    covariance += gain_std(data) ** 2 * (data.group[:, None] == data.group)
+    lower, blocks, gains = np.zeros((data.count, data.count)), [], gain_std(data)
+    for rows in rows_in_order(data):
+        rank = np.argsort(rows)  # when each was measured, in the order of the file
+        blocks.append(rows[rank])
+        std = own_std[blocks[-1]]
+        covariance = np.diag(std**2)
+        if correlation != 0.0:
+            covariance = correlation ** np.abs(rank[:, None] - rank) * np.outer(std, std)
+        lower[np.ix_(blocks[-1], blocks[-1])] = cholesky(covariance + gains[rows[0]] ** 2, lower=True)
     degrees = sum(own.degrees for own in found)
     return Noise(
         own_std,
-        cholesky(covariance, lower=True),
+        lower,
         min(max(float(degrees), LOOSE_DEGREES), MOST_DEGREES),
         "; ".join(dict.fromkeys(own.source for own in found)),
         degrees,
         correlation,
         inflation,
         tuple(warning for own in found for warning in own.warnings),
+        tuple(blocks),
     )
 
 
@@ -142,14 +161,3 @@ def rows_in_order(data: Measurements) -> list[NDArray[np.intp]]:
     time = data.columns.get("time_s", np.arange(data.count, dtype=float))
     groups = (np.flatnonzero(data.group == g) for g in np.unique(data.group))
     return [rows[np.argsort(time[rows], kind="stable")] for rows in groups]
-
-
-def _correlated(data: Measurements, correlation: float, own_std: Array) -> Array:
-    """Off-diagonal part of an AR(1) covariance along the order of measurement within each session and witness."""
-    rank = np.empty(data.count)
-    for rows in rows_in_order(data):
-        rank[rows] = np.arange(rows.size)
-    same = data.group[:, None] == data.group
-    matrix = np.where(same, correlation ** np.abs(rank[:, None] - rank), 0.0) * np.outer(own_std, own_std)
-    np.fill_diagonal(matrix, 0.0)
-    return matrix

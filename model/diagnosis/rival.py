@@ -22,6 +22,8 @@ LENGTH = 0.8  # of the kernel, in standardised inputs
 AMPLITUDES = (0.005, 0.012, 0.03, 0.08, 0.2)  # of the discrepancy of log friction
 MOST_DISTINCT = 220
 GRID = 0.05  # in standardised inputs
+FAINT = 1e-3  # of the noise: what is smaller in a direction at the largest amplitude counts as nothing
+ROUNDING = 1e-11  # of squared singular values, as a share of the largest
 NEGLIGIBLE = 1e-7  # eigenvalues of a kernel below this share of the largest
 LOG_INPUTS = ("frequency_hz", "normal_force_n", "speed_m_s")
 INPUTS = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "time_s")
@@ -50,7 +52,13 @@ def features(data: Measurements, noise: Noise) -> list[Array]:
     if not parts:
         return [np.zeros((data.count, 0))]
     whitened = [noise.whiten(part) for part in parts]
-    return [*whitened, np.concatenate(whitened, axis=1)]
+    return [*whitened, _compressed(np.concatenate(whitened, axis=1))]
+
+
+def _compressed(together: Array) -> Array:
+    """G [n, k] with G G' = F F' but for what no amplitude would show: many terms share their directions."""
+    square, directions = np.linalg.eigh(together.T @ together)
+    return np.asarray(together @ directions[:, square > (FAINT / AMPLITUDES[-1]) ** 2])
 
 
 def _terms(data: Measurements, has_force: bool) -> list[Array]:
@@ -123,12 +131,14 @@ def log_marginal(target: Array, spread: Array, noise: Noise) -> float:
 
 def _by_scale(target: Array, spread: Array, noise: Noise) -> Array:
     """log N(target; 0, s^2 + spread spread') + log prior weight of each noise scale s."""
-    left, singular, _ = np.linalg.svd(spread, full_matrices=False)
-    along = (left.T @ target) ** 2
+    square, directions = np.linalg.eigh(spread.T @ spread)  # of the singular values: half the work of a decomposition
+    kept = square > ROUNDING * square[-1]
+    square = square[kept]
+    along = (directions[:, kept].T @ (spread.T @ target)) ** 2 / square
     rest = max(float(target @ target - along.sum()), 0.0)
     s2 = SCALES[:, None] ** 2
-    total = s2 + singular**2
-    free = target.size - singular.size
+    total = s2 + square
+    free = target.size - square.size
     log_likelihood = -0.5 * (np.sum(np.log(total) + along / total, axis=1) + free * np.log(s2[:, 0]) + rest / s2[:, 0])
     half = 0.5 * noise.degrees
     log_prior = half * np.log(half) - gammaln(half) - 2.0 * half * np.log(SCALES) - half / SCALES**2
