@@ -14,8 +14,8 @@ from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.naming import NONE, UNKNOWN, Candidate, words
 from model.diagnosis.noise import gain_std
 from model.diagnosis.rival import LOG_INPUTS
+from model.diagnosis.several import SURE
 from model.diagnosis.spectrum import spectrum
-from model.diagnosis.verdict import SURE
 from model.diagnosis.where import Region
 from model.diagnosis.witness import FRICTION, WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings

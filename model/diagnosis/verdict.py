@@ -10,12 +10,12 @@ from scipy.special import logsumexp
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Problem
-from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN, Candidate, fit_candidates, separation
+from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN, Candidate, separation
 from model.diagnosis.rival import discrepancy_mean
+from model.diagnosis.several import ANOTHER, SURE, Search
 from model.diagnosis.where import Disagreement
 from model.support.arrays import Array
 
-SURE = 0.95
 NOTHING = 0.90
 APART = 25.0  # lambda_ij from which two effects count as told apart
 ALIKE = 9.0  # and below which they are one group
@@ -32,8 +32,9 @@ FORM_TRUST = 0.6
 FORM_ERROR = 0.02
 MIMICS = 0.03
 MIMICS_OF_ROUGH = 0.25
-PAIR_GAIN_NATS = 3.0
-PAIR_CERTAIN = 0.98
+ANOTHER_NATS = 3.0  # that one more effect must be worth, its prior counted
+SEVERAL_CERTAIN = 0.98
+MOST_ALIKE = 3  # effects that may stand in one place: where more could, several effects are no explanation
 LEADERS = 6
 USUAL = 2.58  # prior standard deviations that hold 99 %
 
@@ -88,8 +89,7 @@ class Weighed:
     @property
     def trust(self) -> float:
         """What a nat of evidence between two effects counts."""
-        gain = max(self.winner.alone.log_evidence - self.base.alone.log_evidence, 0.0)
-        return FORM_TRUST / (1.0 + FORM_ERROR * gain)
+        return trust(max(self.winner.alone.log_evidence - self.base.alone.log_evidence, 0.0))
 
     @property
     def apart(self) -> float:
@@ -119,6 +119,11 @@ class Weighed:
         logs |= {c.name: float(together + share) for c, share in zip(self.singles, shares, strict=True)}
         logs |= {name: float(each + base.alone.log_evidence) for name in self.untestable}
         return _normalised(logs)
+
+
+def trust(gain: float) -> float:
+    """What a nat of evidence between two effects counts where the better one explains `gain` nats."""
+    return FORM_TRUST / (1.0 + FORM_ERROR * gain)
 
 
 def _normalised(logs: dict[str, float]) -> dict[str, float]:
@@ -157,17 +162,17 @@ def decide(
 
     alike = confusion(problem, winner, weighed.singles)
     group = [name for name, value in alike.items() if value < APART]
-    if adequate(winner, scan(winner).lack_of_fit_p):
+    one_fits = adequate(winner, scan(winner).lack_of_fit_p)
+    search = Search(problem, discrepancy, weighed.singles, progress)
+    several = _several(search, weighed, one_fits, scan)
+    if several is not None:
+        places = [search.places(several, i, trust) for i in range(len(several.kinds))]
+        if max(len(place) for place in places) <= MOST_ALIKE:
+            return _name_several(several, places, probabilities, _remainder(discrepancy, several, base))
+    if one_fits:
         return _name_one(weighed, winner, group, probabilities, remainder)
 
-    pair = _best_pair(problem, discrepancy, weighed, winner, progress)
     needed = _needed_beside_discrepancy(weighed, group)
-    pair_fits = pair is not None and adequate(pair, scan(pair).lack_of_fit_p)
-    pair_gain = (
-        -np.inf if pair is None else pair.alone.log_evidence + np.log(0.05) - winner.beside_discrepancy.log_evidence
-    )
-    if pair is not None and pair_fits and pair_gain > PAIR_GAIN_NATS:
-        return _name_pair(pair, probabilities, _remainder(discrepancy, pair, base))
     if winner.name in needed and remainder <= LIST_REMAINDER and probabilities[UNKNOWN] < 0.5:
         why = f"needed even beside a discrepancy of unknown shape; what remains is {remainder:.0%} of its signature"
         group += [name for name in needed if name not in (winner.name, *group)]
@@ -215,26 +220,38 @@ def _shares(probabilities: dict[str, float]) -> dict[str, float]:
 
 
 def _unusual(winner: Candidate) -> bool:
-    """Whether some parameter of the effect lies outside the central 99 % of its prior."""
-    count = sum(len(kind.parameters()) for kind in winner.kinds)
-    return bool(np.any(np.abs(winner.fit.vector[-count:]) > USUAL))
+    """Whether some parameter of the effect lies outside the central 99 % of its prior, but for a weak effect.
+
+    Where a parameter switches the effect off at an end, it may come as near to that as the data can see.
+    """
+    known = [p for kind in winner.kinds for p in kind.parameters()]
+    x = winner.fit.vector[-len(known) :]
+    weak = [np.inf if p.off == np.inf else -np.inf if p.scale == "log" and p.off == 0.0 else 0.0 for p in known]
+    return bool(np.any((np.abs(x) > USUAL) & (np.sign(x) != np.sign(weak))))
 
 
-def _best_pair(
-    problem: Problem, discrepancy: list[Array], weighed: Weighed, winner: Candidate, progress: Callable[[str], None]
+def _several(
+    search: Search, weighed: Weighed, one_fits: bool, scan: Callable[[Candidate], Disagreement]
 ) -> Candidate | None:
-    """The best second effect beside the winner, if it stands out among all second effects."""
-    leaders = sorted(weighed.singles, key=lambda c: -c.alone.log_evidence)
-    kinds = [(winner.kinds[0], c.kinds[0]) for c in leaders if c is not winner]
-    fits = []
-    for pair in kinds:
-        progress("+".join(k.name for k in pair))
-        fits.append(fit_candidates(problem, discrepancy, winner.fit, [pair], lambda _: None)[0])
-    if not fits:
-        return None
-    best = max(fits, key=lambda c: c.alone.log_evidence)
-    others = logsumexp([c.alone.log_evidence for c in fits])
-    return best if np.exp(best.alone.log_evidence - others) >= SURE else None
+    """The winner with what else is needed, where that fits; None where it does not, or where one is enough.
+
+    Beside a winner that fits alone, a second effect counts by what the data say in favour of its form, as one of two
+    rivals would; beside one that does not, it must do more than a discrepancy of unknown shape.
+    """
+    chosen = weighed.winner
+    while (more := search.best_with_one_more(chosen)) is not None:
+        if search.gain(more) <= ANOTHER_NATS:
+            return None
+        if one_fits:
+            gain = more.alone.log_evidence - chosen.alone.log_evidence
+            return more if weighed.trust * gain + ANOTHER > ANOTHER_NATS else None
+        added = len(more.kinds) - len(chosen.kinds)
+        if more.alone.log_evidence + added * ANOTHER - chosen.beside_discrepancy.log_evidence <= ANOTHER_NATS:
+            return None
+        chosen = more
+        if adequate(chosen, scan(chosen).lack_of_fit_p):
+            return chosen
+    return None
 
 
 def _needed_beside_discrepancy(weighed: Weighed, group: list[str]) -> list[str]:
@@ -267,13 +284,25 @@ def _remainder(discrepancy: list[Array], winner: Candidate, base: Candidate) -> 
     return float(np.sqrt(left @ left / explained))
 
 
-def _name_pair(pair: Candidate, probabilities: dict[str, float], remainder: float) -> Verdict:
-    names = [kind.name for kind in pair.kinds]
-    others = {name: value * (1.0 - PAIR_CERTAIN) for name, value in probabilities.items() if name not in names}
-    updated = _shares(dict.fromkeys(names, PAIR_CERTAIN / len(names)) | others)
-    verdict, reason = "ambiguous", f"two effects fit, which may leave {remainder:.0%} of their signature"
-    if _unusual(pair):
-        reason = "two effects fit, one of which would have to be stronger than 99 % of what is expected of it"
+def _name_several(
+    found: Candidate, places: list[dict[str, float]], probabilities: dict[str, float], remainder: float
+) -> Verdict:
+    """Each effect by its own name, with what may stand in its place."""
+    names = [kind.name for kind in found.kinds]
+    shares = dict.fromkeys(probabilities, 0.0)
+    for place in places:
+        for name, share in place.items():
+            shares[name] += SEVERAL_CERTAIN / len(names) * share / sum(place.values())
+    others = {name: value for name, value in probabilities.items() if shares[name] == 0.0}
+    left = (1.0 - SEVERAL_CERTAIN) / max(sum(others.values()), 1e-300)
+    updated = _shares({name: share or left * probabilities[name] for name, share in shares.items()})
+    group = {name: [other for other in place if other != name] for name, place in zip(names, places, strict=True)}
+    count = {2: "two", 3: "three"}[len(names)]
+    verdict, reason = "ambiguous", f"{count} effects fit, which may leave {remainder:.0%} of their signature"
+    if _unusual(found):
+        reason = f"{count} effects fit, one of which would have to be stronger than 99 % of what is expected of it"
+    elif any(group.values()):
+        reason = f"{count} effects are needed; these data cannot tell the members of a group apart"
     elif remainder <= NAME_REMAINDER:
-        verdict, reason = "effect_found", "two effects are needed"
-    return Verdict(verdict, True, pair, updated, {name: [] for name in names}, (reason,))
+        verdict, reason = "effect_found", f"{count} effects are needed"
+    return Verdict(verdict, True, found, updated, group, (reason,))

@@ -1,0 +1,89 @@
+"""Several effects at once: forward steps, then swaps, by the evidence that single effects are judged by."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import logsumexp
+
+from model.diagnosis.fit import Problem
+from model.diagnosis.naming import Candidate, fit_candidates
+from model.effects import Effect
+from model.support.arrays import Array
+
+Kinds = tuple[type[Effect], ...]
+MOST = 3  # effects at once
+ANOTHER = float(np.log(0.05))  # log prior of one more effect
+SURE = 0.95
+
+
+@dataclass
+class Search:
+    """Looks for the set of effects with the most evidence; every set is fitted once."""
+
+    problem: Problem
+    discrepancy: list[Array]
+    singles: list[Candidate]
+    progress: Callable[[str], None]
+    _fitted: dict[frozenset[type[Effect]], Candidate] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Single effects are fitted already."""
+        self._fitted |= {frozenset(c.kinds): c for c in self.singles}
+
+    def best_with_one_more(self, chosen: Candidate) -> Candidate | None:
+        """`chosen` with the effect beside it that the data like best; then each effect swapped while that helps."""
+        if len(chosen.kinds) >= MOST or len(self.singles) <= len(chosen.kinds):
+            return None
+        best = max(self._beside(chosen.kinds), key=_evidence)
+        while True:
+            rivals = [c for i in range(len(best.kinds)) for c in self._beside(_without(best.kinds, i))]
+            better = max(rivals, key=_evidence)
+            if _evidence(better) <= _evidence(best):
+                return best
+            best = better
+
+    def gain(self, chosen: Candidate) -> float:
+        """What the least needed effect of `chosen` adds, in nats, its prior counted."""
+        if len(chosen.kinds) < 2:
+            return np.inf
+        return min(self._adds(chosen, i) for i in range(len(chosen.kinds))) + ANOTHER
+
+    def places(self, chosen: Candidate, i: int, trust: Callable[[float], float]) -> dict[str, float]:
+        """The fewest effects that hold SURE of what may stand in the i-th place, most probable first, and their shares.
+
+        `trust`: what a nat counts where the effect explains so many.
+        """
+        rivals = sorted(self._beside(_without(chosen.kinds, i)), key=_evidence, reverse=True)
+        logs = trust(max(self._adds(chosen, i), 0.0)) * np.array([_evidence(c) for c in rivals])
+        shares = np.exp(logs - logsumexp(logs))
+        rest = set(_without(chosen.kinds, i))
+        names = [kind.name for c in rivals for kind in c.kinds if kind not in rest]
+        count = int(np.searchsorted(np.cumsum(shares), SURE)) + 1
+        return dict(zip(names[:count], shares[:count].tolist(), strict=True))
+
+    def _adds(self, chosen: Candidate, i: int) -> float:
+        return _evidence(chosen) - _evidence(self._fit(_without(chosen.kinds, i)))
+
+    def _beside(self, kinds: Kinds) -> list[Candidate]:
+        """Those effects with each other one beside them."""
+        others = [c.kinds[0] for c in self.singles if c.kinds[0] not in kinds]
+        return [self._fit((*kinds, other)) for other in others]
+
+    def _fit(self, kinds: Kinds) -> Candidate:
+        key = frozenset(kinds)
+        if key not in self._fitted:
+            self.progress("+".join(kind.name for kind in kinds))
+            start = self._fit(kinds[:-1]).fit
+            self._fitted[key] = fit_candidates(self.problem, self.discrepancy, start, [kinds], lambda _: None)[0]
+        return self._fitted[key]
+
+
+def _evidence(candidate: Candidate) -> float:
+    return candidate.alone.log_evidence
+
+
+def _without(kinds: Kinds, i: int) -> Kinds:
+    return (*kinds[:i], *kinds[i + 1 :])

@@ -1,0 +1,280 @@
+"""Current and voltage at the electrode beside friction: as read, as predicted, and what they make of a verdict."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model.conditions import Conditions
+from model.description import ModelDescription, read_model
+from model.diagnosis.data import Measurements, read_measurements, together
+from model.diagnosis.noise import noise_of
+from model.diagnosis.report import write_report
+from model.diagnosis.space import AREA, NUISANCES, REST, STRAY, Predictor, nuisances
+from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, VOLTAGE, VOLTAGE_PHASE, WITNESSES
+from model.diagnosis.workflow import Diagnosis, diagnose
+from model.effects import BY_NAME
+from model.parameters import Parameter
+from model.support.errors import ModelError
+from model.touch_model import TouchModel
+
+FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
+STRAY_F = 300e-12
+ELECTRICAL = ("current_a", "current_phase_rad", "electrode_voltage_v", "electrode_voltage_phase_rad")
+HEADER = "frequency_hz,voltage_v,normal_force_n,cof,cof_std,finger," + ",".join(ELECTRICAL)
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Lines of a file, as the workflow reads them."""
+
+    def run(*lines: str, header: str = HEADER) -> Measurements:
+        path = tmp_path / "data.csv"
+        path.write_text("\n".join([header, *lines]) + "\n", encoding="utf-8")
+        return read_measurements(path)
+
+    return run
+
+
+def test_a_row_has_an_observation_per_witness(read) -> None:
+    data = read(
+        "250,75,0.5,0.6,0.01,,,,,",
+        "250,75,0.5,0.61,0.01,sliding,6e-5,0.5,,",
+        "1000,5,0.5,,,resting,2e-5,1.1,4.5,-0.2",
+        "1000,5,,,,none,9e-6,1.5,,",
+        "250,0,0.5,0.51,0.01,,1e-9,0.3,,",
+    )
+    assert data.rows == 5
+    assert [int(data.of(w).sum()) for w in range(5)] == [3, 3, 3, 1, 1]  # no current without voltage
+    current = data.observed[data.of(CURRENT)]
+    np.testing.assert_allclose(current, np.log([6e-5, 2e-5 / 4.5, 9e-6]))
+    np.testing.assert_allclose(data.observed[data.of(CURRENT_PHASE)], [0.5, 1.3, 1.5])
+    np.testing.assert_allclose(data.observed[data.of(VOLTAGE)], np.log([4.5]))
+    np.testing.assert_allclose(data.observed[data.of(VOLTAGE_PHASE)], [-0.2])
+    assert list(data.finger[data.of(CURRENT)]) == ["sliding", "resting", "none"]
+
+
+def test_friction_alone_is_what_it_was(read) -> None:
+    data = read("250,75,0.5,0.6,0.01,,,,,", "250,0,0.5,0.5,0.01,,,,,")
+    assert data.witness is None
+    assert data.witnesses == [FRICTION]
+    assert nuisances(FINGER, data) == NUISANCES
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("250,75,0.5,,,,,,,", "line 2: cof is '', not a number, and no other witness speaks there"),
+        ("250,75,0.5,0.6,0.01,resting,1e-5,0.1,,", "line 2: has a cof, but its finger does not slide"),
+        ("250,75,0.5,0.6,,,1e-5,0.1,,", "line 2: cof_std is ''"),
+        ("250,75,0.5,,0.01,,1e-5,0.1,,", "line 2: cof is ''"),
+        ("250,75,0.5,0.6,0.01,sitting,1e-5,0.1,,", "line 2: finger 'sitting' is unknown"),
+        ("250,75,0.5,0.6,0.01,,-1e-5,0.1,,", "line 2: current_a = -1e-5 is out of range"),
+        ("250,75,0.5,0.6,0.01,,1e-5,57,,", "line 2: current_phase_rad = 57 is out of range"),
+        ("250,75,,0.6,0.01,sliding,1e-5,0.1,,", "line 2: normal_force_n is ''"),
+    ],
+)
+def test_what_cannot_be_read_is_said(read, line: str, said: str) -> None:
+    with pytest.raises(ModelError) as error:
+        read(line, "250,75,0.5,0.6,0.01,,1e-5,0.1,,")
+    assert said in error.value.message
+
+
+def test_a_file_must_say_something(read) -> None:
+    with pytest.raises(ModelError, match="column cof is missing"):
+        read("250,75,0.5", header="frequency_hz,voltage_v,normal_force_n")
+
+
+def test_files_with_other_witnesses_go_together(read) -> None:
+    friction = read("250,75,0.5,0.6,0.01", header="frequency_hz,voltage_v,normal_force_n,cof,cof_std")
+    sweep = read("1000,5,0.5,2e-5,0.3", header="frequency_hz,voltage_v,normal_force_n,current_a,current_phase_rad")
+    both = together([("a", friction), ("b", sweep)])
+    assert both.rows == 2
+    assert both.witnesses == [FRICTION, CURRENT, CURRENT_PHASE]
+    np.testing.assert_allclose(both.observed, [np.log(0.6), np.log(2e-5), 0.3])
+    assert both.session_names == ("file 1, 1", "file 2, 1")
+
+
+class TestNoise:
+    def test_what_is_assumed_is_said(self, read) -> None:
+        noise = noise_of(read("250,75,0.5,0.6,0.012,,6e-5,0.5,,", "100,75,0.5,0.6,0.012,,5e-5,0.5,,"))
+        np.testing.assert_allclose(noise.own_std, [0.02, 0.02, 0.02, 0.02, 0.035, 0.035])
+        assert "current_a has neither current_std_a nor replicates: 0.02 of the value is assumed" in noise.warnings
+        assert any("current_phase_rad" in warning for warning in noise.warnings)
+
+    def test_replicates_tell(self, read) -> None:
+        lines = [f"250,75,0.5,0.6,0.012,,{6e-5 * np.exp(x):.9g},0.5,," for x in (0.05, -0.05, 0.05, -0.05)]
+        data = read(*lines)
+        noise = noise_of(data)
+        np.testing.assert_allclose(noise.own_std[data.of(CURRENT)], np.sqrt(4 * 0.0025 / 3), rtol=1e-6)
+
+    def test_a_current_carries_the_noise_of_what_it_is_taken_against(self, read) -> None:
+        header = HEADER + ",current_std_a,electrode_voltage_std_v"
+        data = read("250,75,0.5,0.6,0.012,,6e-5,0.5,70,0,1.8e-6,2.8", header=header)
+        noise = noise_of(data)
+        assert noise.own_std[data.of(CURRENT)] == pytest.approx(0.05)  # 3 and 4 %
+
+    def test_sessions_share_a_gain_per_witness(self, read) -> None:
+        header = HEADER + ",session"
+        data = read(*(f"{f},75,0.5,0.6,0.012,,6e-5,0.5,,,{s}" for s in "ab" for f in (100, 250)), header=header)
+        noise = noise_of(data)
+        covariance = noise.lower @ noise.lower.T
+        shared = np.array([WITNESSES[w].gain_std for w in data.witness]) ** 2
+        same = (data.session[:, None] == data.session) & (data.witness[:, None] == data.witness)
+        np.testing.assert_allclose(covariance, np.diag(noise.own_std**2) + np.where(same, shared, 0.0), atol=1e-15)
+        white = noise.whiten(covariance)
+        np.testing.assert_allclose(noise.whiten(white.T), np.eye(data.count), atol=1e-9)
+
+
+class TestPrediction:
+    def test_is_the_models(self, read) -> None:
+        """Against the phasors that the model gives of the same conditions."""
+        data = read(
+            "250,75,0.5,0.6,0.01,sliding,6e-5,0.5,70,0.1",
+            "1e4,20,0.25,0.6,0.01,sliding,6e-5,0.5,,",
+            "1000,5,0.5,,,resting,2e-5,1.1,4.5,-0.2",
+            "1000,5,,,,none,9e-6,1.5,,",
+        )
+        finger = with_stray(FINGER, STRAY_F)
+        got = Predictor(finger, data, NUISANCES[:4]).predicted([], np.zeros((2, 4)))
+        conditions = Conditions(
+            np.array([250.0, 1e4, 1e3, 1e3]), np.array([75.0, 20.0, 5.0, 5.0]), np.array([0.5, 0.25, 0.5, 0.5]),
+            finger=np.array(["sliding", "sliding", "resting", "none"]),
+        )  # fmt: skip
+        answer = TouchModel(finger).predict(conditions)
+        current, voltage = answer.electrode_current_a, answer.electrode_voltage_v
+        np.testing.assert_array_equal(got[0], got[1])
+        np.testing.assert_allclose(got[0][data.of(FRICTION)], np.log(answer.cof[:2]), rtol=1e-9)
+        expected = np.log(np.abs(current) / np.where([True, False, True, False], np.abs(voltage), 1.0))
+        np.testing.assert_allclose(got[0][data.of(CURRENT)], expected, rtol=1e-9)
+        np.testing.assert_allclose(got[0][data.of(CURRENT_PHASE)], np.angle(current), rtol=1e-9)
+        np.testing.assert_allclose(got[0][data.of(VOLTAGE)], np.log([75.0, 5.0]), rtol=1e-12)
+
+    def test_the_amplifier_cancels_beside_a_measured_voltage(self, read) -> None:
+        """At 1 mV nothing is attracted: the current follows the voltage."""
+        header = HEADER.replace("cof,cof_std,", "")
+        data = read(*(f"{f},1e-3,0.5,,1e-9,0.5,9e-4,-0.1" for f in (1e3, 1e5)), header=header)
+        predictor = Predictor(FINGER, data, ())
+        slow = np.array([[-1.0, 0.0]])
+        change = predictor.predicted([BY_NAME["amplifier_bandwidth"]], slow) - predictor.predicted([], np.zeros((1, 0)))
+        seen = {w: change[0][data.of(w)] for w in (CURRENT, CURRENT_PHASE, VOLTAGE, VOLTAGE_PHASE)}
+        assert np.abs(seen[CURRENT]).max() < 1e-6
+        assert np.abs(seen[CURRENT_PHASE]).max() < 1e-6
+        assert seen[VOLTAGE][1] < -1.0
+        assert seen[VOLTAGE_PHASE][1] < -1.0
+
+    def test_angles_differ_by_half_a_turn_at_most(self, read) -> None:
+        data = read("250,75,0.5,0.6,0.01,,6e-5,3.1,,")
+        predictor = Predictor(FINGER, data)
+        less = predictor.less(np.array([0.1, 7.0, 3.1]), np.array([[0.0, 0.0, -3.1]]))
+        np.testing.assert_allclose(less, [[0.1, 7.0, 6.2 - 2.0 * np.pi]])
+
+    def test_what_differs_between_rigs_and_fingers_is_free(self, read) -> None:
+        data = read("250,75,0.5,,,resting,6e-5,3.1,,")
+        assert nuisances(FINGER, data) == (*NUISANCES, AREA, STRAY, REST)
+        known = nuisances(with_stray(FINGER, STRAY_F, 3e-12), data)[len(NUISANCES) + 1]
+        assert known.value(STRAY_F, np.array(1.0)) == pytest.approx(STRAY_F * np.exp(0.01), rel=1e-6)
+
+
+def with_stray(finger: ModelDescription, farads: float, std: float | None = None) -> ModelDescription:
+    return replace(finger, parameters=finger.parameters | {"stray_capacitance_f": Parameter(farads, "F", "", std)})
+
+
+def hidden(**effects: dict[str, float]) -> ModelDescription:
+    """A finger with effects, and leads, that the reference knows nothing of."""
+    on = {name: {key: Parameter(value, "", "") for key, value in values.items()} for name, values in effects.items()}
+    return replace(with_stray(FINGER, STRAY_F), effect_parameters=on)
+
+
+def measured(path: Path, finger: ModelDescription, seed: int) -> None:
+    """Friction up to 2 kHz in three sessions; then sweeps at 5 V, sliding, resting and without a finger."""
+    rng = np.random.default_rng(seed)
+    rows = [(s, f, v, n, "sliding", True) for s in "abc" for n in (0.25, 0.5) for f in (20.0, 100.0, 500.0, 2e3)
+            for v in ((0.0, 50.0, 90.0) if f < 1e3 else (40.0,))]  # fmt: skip
+    rows += [
+        ("d", f, 5.0, 0.5, state, False) for state in ("sliding", "resting", "none") for f in np.logspace(1, 6, 11)
+    ]
+    session, f, v, n, state, slides = (np.array(column) for column in zip(*rows, strict=True))
+    answer = TouchModel(finger).predict(Conditions(f, v, n, finger=state))
+    gain = dict(zip("abcd", 0.03 * rng.standard_normal(4), strict=True))
+    cof = answer.cof * np.exp(0.01 * rng.standard_normal(f.size) + [gain[s] for s in session])
+    noise = 0.01 * rng.standard_normal(f.size) + 0.02j * rng.standard_normal(f.size)
+    current = answer.electrode_current_a * np.exp(noise)
+    voltage = answer.electrode_voltage_v * np.exp(0.005 * rng.standard_normal(f.size))
+    phase = np.angle(answer.electrode_voltage_v) + 0.005 * rng.standard_normal(f.size)
+    lines = ["frequency_hz,voltage_v,normal_force_n,session,finger,cof,cof_std,current_a,current_std_a,"
+             "current_phase_rad,current_phase_std_rad,electrode_voltage_v,electrode_voltage_std_v,"
+             "electrode_voltage_phase_rad,electrode_voltage_phase_std_rad"]  # fmt: skip
+    for i in range(f.size):
+        friction = f"{cof[i]:.8g},{0.01 * cof[i]:.8g}" if slides[i] else ","
+        size = abs(current[i])
+        electrical = (
+            f"{size:.8g},{0.01 * size:.8g},{np.angle(current[i]):.8g},0.02,"
+            f"{abs(voltage[i]):.8g},{0.005 * abs(voltage[i]):.8g},{phase[i]:.8g},0.005"
+        )
+        electrical = electrical if v[i] else ",,,,,,,"
+        lines.append(f"{f[i]:.8g},{v[i]},{n[i]},{session[i]},{state[i]},{friction},{electrical}")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory):
+    """A diagnosis, and that of the same file's friction alone."""
+    folder = tmp_path_factory.mktemp("witnesses")
+
+    def run(name: str, seed: int, **effects: dict[str, float]) -> tuple[Diagnosis, Diagnosis]:
+        path = folder / f"{name}.csv"
+        measured(path, hidden(**effects), seed)
+        data = read_measurements(path)
+        return diagnose(FINGER, data), diagnose(FINGER, data.subset(data.of(FRICTION)))
+
+    return run
+
+
+def names(found: Diagnosis) -> list[str]:
+    return [kind.name for kind in found.findings.verdict.chosen.kinds]
+
+
+@pytest.mark.timeout(300)
+def test_nothing_hidden_but_leads(diagnosed) -> None:
+    found, _ = diagnosed("null", 1)
+    assert found.name == "no_discrepancy"
+    free, fit = found.findings.problem.predictor.free, found.findings.weighed.base.fit
+    i = free.index(STRAY)
+    farads = STRAY.value(0.0, fit.vector[i])
+    assert farads == pytest.approx(STRAY_F, rel=0.05)  # the monitor's gain: 3 %
+
+
+@pytest.mark.timeout(300)
+def test_a_resistance_that_friction_cannot_name(diagnosed, tmp_path) -> None:
+    found, friction = diagnosed("resistance", 2, series_resistance={"resistance_ohm": 3e4})
+    assert friction.name != "effect_found"
+    assert (found.name, names(found)) == ("effect_found", ["series_resistance"])
+    content = write_report(found, FINGER, tmp_path, "resistance.csv")
+    assert {"spectrum.png", "fingerprint.png", "fingerprint_1.png", "fingerprint_2.png"} <= {
+        path.name for path in (tmp_path / "pictures").iterdir()
+    }
+    assert content["data"]["witnesses"]["current_a"] > 0
+    assert {region["witness"] for region in content["where"]} & {"current_a", "current_phase_rad"}
+    assert json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["verdict"] == "effect_found"
+
+
+@pytest.mark.timeout(300)
+def test_two_effects_are_named_one_by_one(diagnosed) -> None:
+    found, _ = diagnosed(
+        "two", 3, drive_gain_error={"gain": 1.15}, humid_gap_conduction={"gap_conductivity_s_per_m": 2e-8}
+    )
+    assert found.name == "effect_found"
+    assert set(names(found)) == {"drive_gain_error", "humid_gap_conduction"}
+    assert set(found.findings.verdict.group) == set(names(found))
+
+
+@pytest.mark.timeout(300)
+def test_sweeps_alone_can_be_diagnosed(diagnosed, tmp_path) -> None:
+    path = tmp_path / "sweep.csv"
+    measured(path, hidden(johnsen_rahbek={"insulator_conductivity_s_per_m": 1e-8}), 4)
+    data = read_measurements(path)
+    found = diagnose(FINGER, data.subset(~data.of(FRICTION)))
+    assert "johnsen_rahbek" in found.findings.verdict.suspects
