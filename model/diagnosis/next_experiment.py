@@ -73,26 +73,27 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: 
     if len(leaders) < 2:
         return []
     problem, enough = findings.problem, findings.weighed.apart
-    settings = _settings(diagnosis.data, [c for c, _ in leaders])
-    outlooks, usable = _outlooks(problem.predictor, settings, leaders)
-    settings = settings.subset(usable)
-    noise = float(np.median(problem.noise.own_std[diagnosis.data.of(FRICTION)])) * float(
-        np.sqrt(findings.verdict.chosen.fit.scale2)
-    )
-    picked, gains = _greedy(_pairs(outlooks), noise, most if usable.any() else 0, enough)
+    friction = diagnosis.data.of(FRICTION)
     first, second = leaders[0][0], leaders[1][0]
-    now = after = separation(problem, first, second)
-    if picked:
-        chosen = settings.subset(np.isin(np.arange(settings.count), picked))
-        after = separation(_extended(diagnosis.data, description, problem, chosen), first, second)
-    common = {
+    now = separation(problem, first, second)
+    common: dict[str, Any] = {
         "purpose": f"tells {words(first.name)} from {words(second.name)}",
         "separates": [first.name, second.name],
         "lambda_now": now,
-        "lambda_after": after,
+        "lambda_after": now,
         "lambda_enough": enough,
     }
-    if after < ALIKE:
+    if not friction.any():  # settings are of friction
+        return _checks((first, second), common)
+    settings = _settings(diagnosis.data.subset(friction), [c for c, _ in leaders])
+    outlooks, usable = _outlooks(problem.predictor, settings, leaders)
+    settings = settings.subset(usable)
+    noise = float(np.median(problem.noise.own_std[friction])) * float(np.sqrt(findings.verdict.chosen.fit.scale2))
+    picked, gains = _greedy(_pairs(outlooks), noise, most if usable.any() else 0, enough)
+    if picked:
+        chosen = settings.subset(np.isin(np.arange(settings.count), picked))
+        common["lambda_after"] = separation(_extended(diagnosis.data, description, problem, chosen), first, second)
+    if common["lambda_after"] < ALIKE:
         return [] if diagnosis.name == "no_discrepancy" else _checks((first, second), common)
     return [
         {"kind": "setting", **_setting(settings, index), "repeats": REPEATS, "separation": gain, **common}

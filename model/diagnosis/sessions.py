@@ -1,4 +1,7 @@
-"""Sessions that are unlike the others: noisier, or with an effect that the others do not have."""
+"""Sessions that are unlike the others: noisier, or with an effect that the others do not have.
+
+Sessions are compared by one witness, friction where there is any: those that only sweep are no worse for being unlike.
+"""
 
 from __future__ import annotations
 
@@ -24,42 +27,56 @@ def unlike_sessions(data: Measurements, left: Array) -> dict[int, float]:
     Usual is the median session, so that it does not matter how many are unlike while they are fewer than half; each is
     judged by an F test, the largest first.
     """
-    numbers = [int(s) for s in np.unique(data.session)]
+    compared = _compared(data)
+    numbers = [int(s) for s in np.unique(data.session[compared])]
     if len(numbers) < FEWEST_SESSIONS:
         return {}
-    rows = {s: int(np.sum(data.session == s)) for s in numbers}
-    square = {s: float(np.mean(left[data.session == s] ** 2)) for s in numbers}
+    rows = {s: int(np.sum(compared & (data.session == s))) for s in numbers}
+    square = {s: float(np.mean(left[compared & (data.session == s)] ** 2)) for s in numbers}
     usual = float(np.median(list(square.values())))
     largest = sorted(numbers, key=lambda s: -square[s])[: (len(numbers) - 1) // 2]
-    p = {s: f_distribution.sf(square[s] / usual, rows[s], data.count - rows[s]) for s in largest}
+    p = {s: f_distribution.sf(square[s] / usual, rows[s], int(compared.sum()) - rows[s]) for s in largest}
     return {s: float(np.sqrt(square[s] / usual)) for s in largest if p[s] < UNLIKE_P / len(numbers)}
 
 
-def split_sessions(data: Measurements, noise: Noise, fit: Fit, discrepancy: Array) -> Mask | None:
-    """Rows [n] of sessions whose smooth discrepancy from the base model differs from that of the rest; None if none.
+def split_sessions(data: Measurements, noise: Noise, fit: Fit, discrepancy: Array) -> tuple[Mask, Mask] | None:
+    """Rows [n] of sessions whose smooth discrepancy from the base model differs from that of the rest, and of the rest.
+
+    None if none differ; sessions that are not compared belong to both.
 
     Sessions are ordered along the direction in which their discrepancies differ most and cut in two at every place; a
     discrepancy for each part must beat one for all by the number of possible cuts and SPLIT_NATS.
     """
-    numbers = np.unique(data.session)
+    compared = _compared(data)
+    session = data.session[compared]
+    numbers = np.unique(session)
     if numbers.size < FEWEST_SESSIONS or not discrepancy.size:
         return None
-    target = fit.residual + fit.jacobian @ fit.vector
-    _, _, directions = np.linalg.svd(discrepancy, full_matrices=False)
-    smooth = discrepancy @ directions[:SMOOTH].T
+    residual, jacobian = fit.residual[compared], fit.jacobian[compared]
+    target = residual + jacobian @ fit.vector
+    _, _, directions = np.linalg.svd(discrepancy[compared], full_matrices=False)
+    smooth = discrepancy[compared] @ directions[:SMOOTH].T
 
     def weight(part: Mask | None) -> float:
         parts = smooth if part is None else np.concatenate([smooth * part[:, None], smooth * ~part[:, None]], axis=1)
-        spreads = [np.concatenate([fit.jacobian, a * parts], axis=1) for a in AMPLITUDES]
+        spreads = [np.concatenate([jacobian, a * parts], axis=1) for a in AMPLITUDES]
         return float(logsumexp([log_marginal(target, spread, noise) for spread in spreads]))
 
-    patterns = np.array([_pattern(smooth, fit.residual, data.session == s) for s in numbers])
+    patterns = np.array([_pattern(smooth, residual, session == s) for s in numbers])
     order = numbers[np.argsort(np.linalg.svd(patterns - patterns.mean(axis=0))[0][:, 0])]
-    cuts = [np.isin(data.session, order[: i + 1]) for i in range(numbers.size - 1)]
+    cuts = [np.isin(session, order[: i + 1]) for i in range(numbers.size - 1)]
     weights = [weight(cut) for cut in cuts]
     best = int(np.argmax(weights))
     gain = weights[best] - weight(None) - np.log(2.0) * (numbers.size - 1)
-    return cuts[best] if gain > SPLIT_NATS else None
+    if gain <= SPLIT_NATS:
+        return None
+    first, rest = order[: best + 1], order[best + 1 :]
+    return ~np.isin(data.session, rest), ~np.isin(data.session, first)
+
+
+def _compared(data: Measurements) -> Mask:
+    """The observations [n] by which sessions are compared."""
+    return data.of(data.witnesses[0])
 
 
 def _pattern(smooth: Array, residual: Array, rows: Mask) -> Array:

@@ -94,4 +94,5 @@ def _nyquist(ax: Axes, data: Measurements, values: Array, look: Look) -> None:
     order = np.argsort(f)
     x, y = farads.real[order] * 1e12, farads.imag[order] * 1e12
     ax.plot(x, y, look.style or "o", ms=4, alpha=1.0 if look.style else 0.7, color=look.colour)
-    ax.set(xscale="symlog", yscale="symlog")
+    ax.set_xscale("symlog", linthresh=10.0)
+    ax.set_yscale("symlog", linthresh=10.0)

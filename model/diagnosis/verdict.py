@@ -155,7 +155,7 @@ def decide(
 ) -> Verdict:
     """Weigh what was fitted; fits second effects where one is not enough."""
     winner, base = weighed.winner, weighed.base
-    remainder = _remainder(discrepancy, winner, base)
+    remainder = _remainder(data, discrepancy, winner, base)
     probabilities = weighed.probabilities(remainder)
     if probabilities[NONE] >= NOTHING and not base_scan.alarm and adequate(base, base_scan.lack_of_fit_p):
         return Verdict("no_discrepancy", True, base, probabilities, {}, ("no effect is worth its parameters",))
@@ -168,7 +168,7 @@ def decide(
     if several is not None:
         places = [search.places(several, i, trust) for i in range(len(several.kinds))]
         if max(len(place) for place in places) <= MOST_ALIKE:
-            return _name_several(several, places, probabilities, _remainder(discrepancy, several, base))
+            return _name_several(several, places, probabilities, _remainder(data, discrepancy, several, base))
     if one_fits:
         return _name_one(weighed, winner, group, probabilities, remainder)
 
@@ -272,16 +272,17 @@ def _credible(probabilities: dict[str, float]) -> list[str]:
     return effects[: enough[0] + 1] if enough.size else []
 
 
-def _remainder(discrepancy: list[Array], winner: Candidate, base: Candidate) -> float:
+def _remainder(data: Measurements, discrepancy: list[Array], winner: Candidate, base: Candidate) -> float:
     """Size of what only the discrepancy beside the winner explains, as a share of what the winner does.
 
-    Both whitened; directions in which the winner's own parameters move the prediction do not count.
+    In the witness where that is most: each adds directions in which the discrepancy follows the noise. Both whitened;
+    directions in which the winner's own parameters move the prediction do not count.
     """
     left = discrepancy_mean(winner.fit, winner.beside_discrepancy, discrepancy)
     own, _ = np.linalg.qr(winner.fit.jacobian)
     left = left - own @ (own.T @ left)
     explained = max(base.fit.chi2 - winner.fit.chi2, 1e-9)
-    return float(np.sqrt(left @ left / explained))
+    return float(np.sqrt(max(np.sum(left[data.of(w)] ** 2) for w in data.witnesses) / explained))
 
 
 def _name_several(

@@ -150,7 +150,7 @@ def _fit_singles(
         why = f"noisier than the others: session {', '.join(data.session_names[s] for s in unlike)}; given less weight"
     singles = fitted(chosen)
     best = max(weight(chosen, singles), weight(chosen, [chosen.base]))
-    for rows in [] if split is None else [split, ~split]:
+    for rows in split or ():
         partial = _setting(description, replace(data, effects_on=rows), noise, setting.base.fit.vector)
         fits = fitted(partial)
         cost = np.log(2.0 * len(kinds)) + SESSIONS_NATS

@@ -277,4 +277,5 @@ def test_sweeps_alone_can_be_diagnosed(diagnosed, tmp_path) -> None:
     measured(path, hidden(johnsen_rahbek={"insulator_conductivity_s_per_m": 1e-8}), 4)
     data = read_measurements(path)
     found = diagnose(FINGER, data.subset(~data.of(FRICTION)))
+    write_report(found, FINGER, tmp_path / "out", "sweep.csv")
     assert "johnsen_rahbek" in found.findings.verdict.suspects
