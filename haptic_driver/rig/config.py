@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -37,6 +38,7 @@ from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput, SomeAnalogOut
 from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.signals import Policy
 from hw import plugins
+from hw.analog.demodulation import highest_carrier_hz
 from hw.generator import contract as generators
 
 # What two programs can hold at the same time; the watchdog must not depend on the driver letting go.
@@ -282,6 +284,14 @@ class RigConfig(Section):
             missing.append('watchdog.generator (a resource, or "none")')
         return missing
 
+    @property
+    def monitor_reach_hz(self) -> float:
+        """The highest carrier that the amplifier's monitors show; a card would alias a higher one."""
+        monitors = self.amplifier.voltage_monitor, self.amplifier.current_monitor
+        if self.analog_inputs is None or not any(monitors):
+            return inf
+        return highest_carrier_hz(self.analog_inputs.sample_rate_hz)
+
     def generator_kind(self) -> generators.GeneratorKind:
         """The installed kind of waveform generator; BadInputError where its package cannot be loaded."""
         try:
@@ -290,12 +300,12 @@ class RigConfig(Section):
             raise BadInputError("bad_generator", str(error), "mend or install the package that brings it") from error
 
     def operating_limits(self) -> OperatingLimits:
-        """The limits as the controller and the safety gate use them."""
+        """The limits as the controller and the safety gate use them; no carrier that the monitors would alias."""
         limits = self.limits
         return OperatingLimits(
             voltage_v=limits.voltage_v,
             frequency_low_hz=limits.frequency_hz[0],
-            frequency_high_hz=limits.frequency_hz[1],
+            frequency_high_hz=min(limits.frequency_hz[1], self.monitor_reach_hz),
             slew_v_per_s=self.amplifier.slew_limit_v_per_s,
             contact_current_a_rms=tuple((f, i) for f, i in limits.contact_current_a_rms),
             series_resistance_ohm=limits.series_resistance_ohm,
@@ -386,6 +396,7 @@ def _not_wired(rig: RigConfig) -> Iterator[str]:
             )
         if window_s >= rig.safety.settle_s:
             yield f"analog_inputs.monitor_window_s {window_s:g} is not below safety.settle_s {rig.safety.settle_s:g}"
+    yield from _aliased(rig)
     if any(part.needs_stage for part in parts) and rig.stage is None:
         yield f'finger_tracker.kind is "{rig.finger_tracker.kind}", and there is no section [stage]'
     modulation = rig.waveform_generator.modulation_input
@@ -400,4 +411,16 @@ def _not_wired(rig: RigConfig) -> Iterator[str]:
         yield (
             f"analog_output.zero_level_v {rig.analog_output.zero_level_v:g} is not -waveform_generator."
             f"modulation_input.full_scale_v {-modulation.full_scale_v:g}: at 0 V the amplitude is half its highest"
+        )
+
+
+def _aliased(rig: RigConfig) -> Iterator[str]:
+    """A carrier beyond the card's reach may read as nothing, which is no evidence of nothing."""
+    highest_hz, reach_hz = rig.limits.frequency_hz[1], rig.monitor_reach_hz
+    if rig.analog_inputs is not None and highest_hz > reach_hz:
+        rate_hz = rig.analog_inputs.sample_rate_hz
+        yield (
+            f"analog_inputs.sample_rate_hz {rate_hz:g} aliases carriers above {reach_hz:g} Hz, which the monitors may "
+            f"then read as nothing, and limits.frequency_hz goes up to {highest_hz:g}: let it end at {reach_hz:g}, or "
+            f"sample at {highest_hz / reach_hz * rate_hz:g} or faster"
         )

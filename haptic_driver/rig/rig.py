@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.evidence import OffEvidence
+from haptic_driver.rig.evidence import MONITOR_QUIET_V, OffEvidence
 from haptic_driver.rig.states import Happening, RigEvent, RigState, Withdrawn
 from haptic_driver.rig.switch import OutputSwitch
 from haptic_driver.signals import DriveCommand
@@ -185,6 +185,12 @@ class Rig:
                 f"rig: {voltage_v:g} V at {frequency_hz:g} Hz is beyond {limits.voltage_v:g} V "
                 f"or outside {low_hz:g}..{high_hz:g} Hz",
                 "stay within the rig's limits",
+            )
+        reach_hz = self._config.monitor_reach_hz
+        if frequency_hz > reach_hz and voltage_v > MONITOR_QUIET_V:
+            raise LimitExceeded(
+                f"rig: the monitors alias {frequency_hz:g} Hz: {voltage_v:g} V there might read as nothing",
+                f"stay at or below {reach_hz:g} Hz, or {MONITOR_QUIET_V:g} V, or raise analog_inputs.sample_rate_hz",
             )
         panel_current_a = 2.0 * math.pi * frequency_hz * voltage_v * limits.panel_capacitance_f
         self._amplifier.check_drive(frequency_hz, voltage_v, panel_current_a)

@@ -98,6 +98,8 @@ def test_the_interlocks_port_is_not_the_watchdogs(tmp_path):
         ("zero_level_v = -5.0", "zero_level_v = -6.0", "low_v <= zero_level_v"),
         ("monitor_window_s = 0.02", "monitor_window_s = 0.002", "would miss the peak"),
         ("monitor_window_s = 0.02", "monitor_window_s = 0.2", "not below safety.settle_s"),
+        ("[10.0, 8e3] ", "[10.0, 10e3] ", "let it end at 8000, or sample at 25000 or faster"),
+        ("sample_rate_hz = 20e3  ", "sample_rate_hz = 19e3  ", "aliases carriers above 7600 Hz"),
         ("[[1e-5, 0.0, 0.0], [0.0, 1e-5, 0.0]]", "[[1e-5, 0.0], [0.0, 1e-5]]", "finger_tracker.matrix_m"),
         ("voltage_v = 100.0", "voltage_v = 800.0", "above amplifier.voltage_limit_v"),
         (RESOURCE, 'resource = "TCPIP::192.168.0.5::5025::SOKET"', "TCPIP::host::port::SOCKET"),
@@ -158,3 +160,12 @@ def test_the_calibration_file_is_looked_for_beside_the_rigs_file():
 def test_a_simulated_rig_has_no_real_devices(tmp_path):
     content = SIMULATED + '[watchdog]\ngenerator = "TCPIP::h::1::SOCKET"\n'
     assert "watchdog: a simulated rig has no such real device" in refused(rig_file(tmp_path, content=content)).message
+
+
+@pytest.mark.parametrize("monitor", ["voltage_monitor", "current_monitor"])
+def test_one_monitor_on_a_card_is_enough_to_limit_the_carrier(tmp_path, monitor):
+    other = "current" if monitor == "voltage_monitor" else "voltage"
+    without = [(f'{other}_monitor = "Dev1/ai{6 if other == "voltage" else 7}"', ""), ("[10.0, 8e3] ", "[10.0, 10e3] ")]
+    assert "monitors" in refused(rig_file(tmp_path, *without)).message
+    neither = [*without, (f'{monitor} = "Dev1/ai{7 if other == "voltage" else 6}"', "")]
+    assert load_rig(rig_file(tmp_path, *neither)).limits.frequency_hz == [10.0, 10e3]

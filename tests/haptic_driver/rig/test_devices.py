@@ -167,7 +167,8 @@ def test_gauges_and_monitors_share_one_task_and_monitors_tell_the_peak(tmp_path,
     )
     lines = 'voltage_monitor = "Dev1/ai6"\ncurrent_monitor = "Dev1/ai7"\n'
     real = as_real_rig(served.endpoints["waveform_generator"])
-    text = changed(real, ("voltage_monitor_v_per_v", lines + "voltage_monitor_v_per_v")) + CARD
+    band = ("frequency_hz = [1.0, 1e6]", "frequency_hz = [1.0, 4e3]")  # what the card's rate tells
+    text = changed(real, ("voltage_monitor_v_per_v", lines + "voltage_monitor_v_per_v"), band) + CARD
     (tmp_path / "card.toml").write_text(text, encoding="utf-8")
     monkeypatch.setattr(devices_module, "NiAnalogInputs", Card)
     monkeypatch.setattr(Card, "made", [])

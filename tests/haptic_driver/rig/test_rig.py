@@ -7,7 +7,7 @@ import time
 import pytest
 
 from haptic_driver.errors import HapticError
-from haptic_driver.rig.config import RigConfig, SafetySettings
+from haptic_driver.rig.config import AnalogInputsConfig, RigConfig, SafetySettings
 from haptic_driver.rig.devices import build_rig
 from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.part import Wiring
@@ -111,6 +111,25 @@ def test_a_command_brings_its_peak_voltage_and_frequency_to_the_electrode(bench)
     assert bench.voltage_v == pytest.approx(87.5, rel=1e-3)  # the generator's amplitude tolerance
     assert bench.generator.output().frequency_hz == pytest.approx(333.0, rel=1e-9)
     assert bench.amplifier.read() is True
+
+
+@pytest.mark.parametrize("frequency_hz", [10e3, 20e3, 40e3, 100e3])
+def test_a_carrier_that_the_monitors_alias_is_refused_but_for_a_voltage_that_reads_as_quiet_anyway(
+    rig_config, frequency_hz
+):
+    """At 20 kS/s these carriers read as anything between nothing and their peak."""
+    card = AnalogInputsConfig(sample_rate_hz=20e3)
+    amplifier = rig_config.amplifier.model_copy(update={"voltage_monitor": "Dev1/ai6"})
+    bench = Bench(rig_config.model_copy(update={"analog_inputs": card, "amplifier": amplifier}))
+    with pytest.raises(HapticError, match="the monitors alias") as error:
+        bench.rig.command(0.0, on(5.1, frequency_hz))
+    assert "stay at or below 8000 Hz, or 5 V" in error.value.hint
+    assert bench.amplifier.max_voltage_v == 0.0
+    bench.rig.command(1.0, on(5.0, frequency_hz))
+    assert bench.voltage_v == pytest.approx(5.0, rel=1e-2)
+    assert rig_config.operating_limits().frequency_high_hz == 1e6
+    narrow = rig_config.model_copy(update={"analog_inputs": card, "amplifier": amplifier}).operating_limits()
+    assert narrow.frequency_high_hz == 8e3  # the controller looks no further
 
 
 def test_set_points_are_coalesced_to_the_newest_of_each_interval(bench):
