@@ -1,0 +1,1 @@
+"""What reads the electrode's own voltage and current."""
