@@ -50,7 +50,8 @@ def demodulate(samples: Array, sample_rate_hz: float, frequency_hz: float) -> Sp
 
     Over whole periods that is the product with cosine and sine under the window (quadrature demodulation); where a
     period is no whole number of samples it stays exact. Noise of standard deviation s per sample leaves
-    s sqrt(3 / n) in each part. ValueError for a carrier that aliases, or a record shorter than a period.
+    s sqrt(3 / n) in each part. A third harmonic aliases onto a carrier at a quarter of the sampling rate, a second at a
+    third of it: take another. ValueError for a carrier that aliases itself, or a record shorter than a period.
     """
     n = samples.shape[0]
     if not 0.0 < frequency_hz <= highest_carrier_hz(sample_rate_hz) * (1.0 + 1e-9):
