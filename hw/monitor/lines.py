@@ -58,10 +58,14 @@ def electrode_reading(record: Record, lines: MonitorLines, frequency_hz: float) 
     response = np.array([lines.response(k * frequency_hz) for k in range(1, HARMONICS + 1)])
     electrode = phasors[:, :2] / response
     n, per_period = len(record.samples_v), record.sample_rate_hz / frequency_hz
-    spread = found.std[:2] * sqrt(n / 3.0) > 0.6 * record.resolution_v
+    spread = found.std * sqrt(n / 3.0) > 0.6 * record.resolution_v
     step_v = np.where(spread, 0.0, record.resolution_v / sqrt(12.0) * sqrt(3.0 / per_period))
-    std = np.hypot(found.std[:2], step_v) / np.abs(response[0])
-    zero = phasors[0, 2] if channels > 2 else electrode[0, 0]
+    noise_v = np.hypot(found.std, step_v)
+    std = noise_v[:2] / np.abs(response[0])
+    zero = electrode[0, 0]
+    if channels > 2:
+        zero = phasors[0, 2]
+        std = np.hypot(std, np.abs(electrode[0]) * noise_v[2] / np.abs(zero))
     voltage_v, current_a = electrode[0] * np.conj(zero) / np.abs(zero)
     return ElectrodeReading(
         complex(voltage_v), float(std[0]), complex(current_a), float(std[1]),
