@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -21,6 +22,7 @@ from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS, OperatingLimits
 from haptic_driver.rig.part import (
     AMPLIFIERS,
     ANALOG_OUTPUTS,
+    ELECTRODE_MONITORS,
     FINGER_TRACKERS,
     FORCE_SENSORS,
     NO_WATCHDOG,
@@ -35,6 +37,7 @@ from haptic_driver.rig.part import (
 )
 from haptic_driver.rig.parts.amplifiers import AmplifierConfig
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput, SomeAnalogOutput
+from haptic_driver.rig.parts.electrode_monitors import CardElectrodeMonitorConfig, SomeElectrodeMonitor
 from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.signals import Policy
 from hw import plugins
@@ -56,11 +59,13 @@ def _analog_if_not_said(section: object) -> object:
 if TYPE_CHECKING:
     SomeAmplifier = AmplifierConfig
     SomeForceSensor = PartSection
+    SomeMonitor = SomeElectrodeMonitor
     SomeOutput = NoAnalogOutput | SomeAnalogOutput
     SomeTracker = PartSection
 else:  # whatever is installed
     SomeAmplifier = Annotated[sections_of(AMPLIFIERS), BeforeValidator(_analog_if_not_said)]
     SomeForceSensor = sections_of(FORCE_SENSORS)
+    SomeMonitor = sections_of(ELECTRODE_MONITORS)
     SomeOutput = sections_of(ANALOG_OUTPUTS)
     SomeTracker = sections_of(FINGER_TRACKERS)
 
@@ -226,7 +231,8 @@ class SimulationConfig(Section):
     """How the simulated instruments and finger behave.
 
     `model`: the finger's own, where it is not the one that drives the rig. `hide`: effects, by name with their
-    parameters, that the finger has and the model that drives the rig does not.
+    parameters, that the finger has and the model that drives the rig does not. `stray_capacitance_f`: of electrode and
+    leads, beside that of the finger's own model.
     """
 
     amplitude_latency_s: NotNegative = 0.030
@@ -235,6 +241,7 @@ class SimulationConfig(Section):
     force_noise_n: NotNegative = 0.003
     force_range_n: Positive = 20.0
     seed: int = 1
+    stray_capacitance_f: NotNegative = 0.0
     model: str | None = None
     hide: dict[str, dict[str, FiniteFloat]] = Field(default={})
 
@@ -252,6 +259,7 @@ class RigConfig(Section):
     interlock: InterlockConfig = NoInterlock()
     watchdog: WatchdogConfig | None = None
     force_sensor: SomeForceSensor | None = None
+    electrode_monitors: list[SomeMonitor] = Field(default=[])
     analog_output: SomeOutput = NoAnalogOutput()
     stage: StageConfig | None = None
     finger_tracker: SomeTracker = NoFingerTracker()
@@ -285,6 +293,12 @@ class RigConfig(Section):
         return missing
 
     @property
+    def parts(self) -> list[PartSection]:
+        """What may be connected to the card and the stage."""
+        parts = [self.force_sensor, self.finger_tracker, self.amplifier, *self.electrode_monitors]
+        return [part for part in parts if part is not None]
+
+    @property
     def monitor_reach_hz(self) -> float:
         """The highest carrier that the amplifier's monitors show; a card would alias a higher one."""
         monitors = self.amplifier.voltage_monitor, self.amplifier.current_monitor
@@ -301,11 +315,16 @@ class RigConfig(Section):
 
     def operating_limits(self) -> OperatingLimits:
         """The limits as the controller and the safety gate use them; no carrier that the monitors would alias."""
+        highest_hz = min(self.limits.frequency_hz[1], self.monitor_reach_hz)
+        return replace(self.sweep_limits(), frequency_high_hz=highest_hz)
+
+    def sweep_limits(self) -> OperatingLimits:
+        """The same as far as any monitor reaches: beyond the card's reach for voltages that read as quiet anyway."""
         limits = self.limits
         return OperatingLimits(
             voltage_v=limits.voltage_v,
             frequency_low_hz=limits.frequency_hz[0],
-            frequency_high_hz=min(limits.frequency_hz[1], self.monitor_reach_hz),
+            frequency_high_hz=limits.frequency_hz[1],
             slew_v_per_s=self.amplifier.slew_limit_v_per_s,
             contact_current_a_rms=tuple((f, i) for f, i in limits.contact_current_a_rms),
             series_resistance_ohm=limits.series_resistance_ohm,
@@ -348,7 +367,8 @@ def _contradictions(rig: RigConfig) -> Iterator[str]:
 def _mixed_with_simulation(rig: RigConfig) -> Iterator[str]:
     if rig.simulated != (rig.waveform_generator.resource == SIMULATED):
         yield "simulated and waveform_generator.resource disagree about whether this rig is simulated"
-    for name, kind in (("force_sensor", rig.force_sensor), ("analog_output", rig.analog_output)):
+    monitors = [(f"electrode_monitors.{i}", monitor) for i, monitor in enumerate(rig.electrode_monitors)]
+    for name, kind in (("force_sensor", rig.force_sensor), ("analog_output", rig.analog_output), *monitors):
         is_simulated = kind is not None and kind.kind == SIMULATED
         is_real = kind is not None and kind.kind not in (SIMULATED, "none")
         if (is_real and rig.simulated) or (is_simulated and not rig.simulated):
@@ -384,9 +404,15 @@ def _not_watched(rig: RigConfig) -> Iterator[str]:
 
 def _not_wired(rig: RigConfig) -> Iterator[str]:
     monitors = [rig.amplifier.voltage_monitor, rig.amplifier.current_monitor]
-    parts = [part for part in (rig.force_sensor, rig.amplifier, rig.finger_tracker) if part is not None]
+    parts = rig.parts
     if rig.analog_inputs is None and any(part.channels for part in parts):
         yield "force_sensor or amplifier name channels of a card, and there is no section [analog_inputs]"
+    on_card = any(isinstance(monitor, CardElectrodeMonitorConfig) for monitor in rig.electrode_monitors)
+    if on_card and not (rig.analog_inputs and all(monitors)):
+        yield (
+            'electrode_monitors: kind = "card" reads amplifier.voltage_monitor and amplifier.current_monitor: '
+            "name both, and the card"
+        )
     if any(monitors) and rig.analog_inputs is not None:
         window_s, carrier_hz = rig.analog_inputs.monitor_window_s, rig.controller.lowest_carrier_hz
         if window_s * carrier_hz < 1.0:
@@ -415,12 +441,16 @@ def _not_wired(rig: RigConfig) -> Iterator[str]:
 
 
 def _aliased(rig: RigConfig) -> Iterator[str]:
-    """A carrier beyond the card's reach may read as nothing, which is no evidence of nothing."""
-    highest_hz, reach_hz = rig.limits.frequency_hz[1], rig.monitor_reach_hz
+    """A carrier beyond the card's reach may read as nothing, which is no evidence of nothing.
+
+    A faster monitor sees it, but cannot trip: there the rig allows no more than what reads as quiet anyway.
+    """
+    highest_hz = rig.limits.frequency_hz[1]
+    reach_hz = max([rig.monitor_reach_hz, *(monitor.highest_hz for monitor in rig.electrode_monitors)])
     if rig.analog_inputs is not None and highest_hz > reach_hz:
-        rate_hz = rig.analog_inputs.sample_rate_hz
+        rate_hz, reach_hz = rig.analog_inputs.sample_rate_hz, rig.monitor_reach_hz
         yield (
             f"analog_inputs.sample_rate_hz {rate_hz:g} aliases carriers above {reach_hz:g} Hz, which the monitors may "
             f"then read as nothing, and limits.frequency_hz goes up to {highest_hz:g}: let it end at {reach_hz:g}, or "
-            f"sample at {highest_hz / reach_hz * rate_hz:g} or faster"
+            f"sample at {highest_hz / reach_hz * rate_hz:g} or faster, or name a faster one in [[electrode_monitors]]"
         )

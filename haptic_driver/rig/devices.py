@@ -20,6 +20,7 @@ from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.part import (
     AMPLIFIERS,
     ANALOG_OUTPUTS,
+    ELECTRODE_MONITORS,
     FINGER_TRACKERS,
     FORCE_SENSORS,
     NO_WATCHDOG,
@@ -35,6 +36,7 @@ from hw.errors import DeviceError
 from hw.finger.tracker import FingerTracker
 from hw.force.sensor import ForceSensor
 from hw.generator.settings import GeneratorSettings, ModulationInput, RangePolicy
+from hw.monitor.contract import ElectrodeMonitor
 from hw.safety.interlock import HeartbeatInterlock, ModemLine
 from hw.safety.watchdog import Watchdog, WatchdogSettings
 from hw.stage.lts150 import Lts150, StageSettings
@@ -61,6 +63,7 @@ class Devices:
     watchdog: Watchdog | None
     opening: Sequence[Callable[[], object]]
     closing: Sequence[Callable[[], object]]
+    electrode_monitors: Sequence[ElectrodeMonitor] = ()
 
     def open(self) -> None:
         """Open everything. Raises HapticError and DeviceError."""
@@ -106,6 +109,7 @@ def connect_devices(
     watchdog = parts.watchdog()
     enable, heartbeats = parts.interlock()
     output = parts.analog_output()
+    monitors = parts.electrode_monitors()
     amplifier = config.amplifier
     lines = Wiring(
         enable=enable,
@@ -119,7 +123,7 @@ def connect_devices(
         modulated=output is not None, heartbeats=beaten, on_event=on_event,
     )  # fmt: skip
     opening = [*parts.before_rig, rig.connect, *parts.after_rig]
-    return Devices(rig, force_sensor, tracker, stage, output, watchdog, opening, parts.closing)
+    return Devices(rig, force_sensor, tracker, stage, output, watchdog, opening, parts.closing, monitors)
 
 
 def build_rig(
@@ -282,12 +286,22 @@ class _Parts:
         device: AnalogOutput = part.device
         return device
 
+    def electrode_monitors(self) -> list[ElectrodeMonitor]:
+        """They only read; opened last."""
+        amplifier = self._config.amplifier
+        wiring = Wiring(self._inputs, monitor_lines=amplifier.monitor_lines(), monitor_channels=amplifier.channels)
+        made = [make_part(ELECTRODE_MONITORS, section, wiring) for section in self._config.electrode_monitors]
+        parts = [part for part in made if part is not None]
+        for part in parts:
+            self.after_rig += part.opening
+            self.closing[:0] = part.closing
+        return [part.device for part in parts]
+
     def _analog_inputs(self) -> NiAnalogInputs | None:
         config, card = self._config, self._config.analog_inputs
         if card is None:
             return None
-        parts = [part for part in (config.force_sensor, config.finger_tracker, config.amplifier) if part is not None]
-        inputs = analog_inputs(card, [channel for part in parts for channel in part.channels])
+        inputs = analog_inputs(card, [channel for part in config.parts for channel in part.channels])
         self.before_rig.append(inputs.open)
         self.closing.append(inputs.close)
         return inputs

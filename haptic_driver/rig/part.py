@@ -20,12 +20,14 @@ from hw import plugins
 if TYPE_CHECKING:
     from hw.analog.lines import AnalogInput, DigitalInput, DigitalOutput
     from hw.analog.ni_daq import NiAnalogInputs
+    from hw.monitor.lines import MonitorLines
     from hw.stage.lts150 import Lts150
 
 AMPLIFIERS = "haptic_driver.amplifiers"
 FORCE_SENSORS = "haptic_driver.force_sensors"
 ANALOG_OUTPUTS = "haptic_driver.analog_outputs"
 FINGER_TRACKERS = "haptic_driver.finger_trackers"
+ELECTRODE_MONITORS = "haptic_driver.electrode_monitors"
 SIMULATED = "simulated"
 NO_WATCHDOG = "none"
 
@@ -87,7 +89,10 @@ class PartSection(Section):
 
 @dataclass(frozen=True)
 class Wiring:
-    """What a part may be connected to: the card's inputs, the stage, and the lines of an amplifier."""
+    """What a part may be connected to: the card's inputs, the stage, and the lines of an amplifier.
+
+    `monitor_lines` says what the amplifier's monitors do, `monitor_channels` where on the card voltage and current are.
+    """
 
     inputs: NiAnalogInputs | None = None
     stage: Lts150 | None = None
@@ -95,6 +100,8 @@ class Wiring:
     voltage_monitor: AnalogInput | None = None
     current_monitor: AnalogInput | None = None
     fault: DigitalInput | None = None
+    monitor_lines: MonitorLines | None = None
+    monitor_channels: Sequence[str] = ()
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,8 @@ class NiAnalogInputs:
             raise ValueError(f"channels must be given, each once, not {list(channels)}")
         self.resource = ", ".join(channels)
         self._channels = tuple(channels)
-        self._sample_rate_hz = sample_rate_hz
+        self.sample_rate_hz = sample_rate_hz
+        self.buffer_s = buffer_s
         self._range_v = range_v
         self._terminal = terminal
         self._buffer_samples = max(2, round(buffer_s * sample_rate_hz))
@@ -120,7 +121,7 @@ class NiAnalogInputs:
                         max_val=self._range_v,
                     )
                 task.timing.cfg_samp_clk_timing(
-                    self._sample_rate_hz,
+                    self.sample_rate_hz,
                     sample_mode=constants.AcquisitionType.CONTINUOUS,
                     samps_per_chan=self._buffer_samples,
                 )
@@ -161,10 +162,14 @@ class NiAnalogInputs:
 
     def columns(self, channels: Sequence[str]) -> NiColumns:
         """Some of the channels by name, e.g. a sensor's gauges. Raises ValueError for one that is not sampled."""
+        return NiColumns(self, self.places(channels))
+
+    def places(self, channels: Sequence[str]) -> list[int]:
+        """Where channels stand in the order of conversion. Raises ValueError for one that is not sampled."""
         missing = [channel for channel in channels if channel not in self._channels]
         if missing:
             raise ValueError(f"{', '.join(missing)} not among the sampled channels {', '.join(self._channels)}")
-        return NiColumns(self, [self._channels.index(channel) for channel in channels])
+        return [self._channels.index(channel) for channel in channels]
 
     def _wait_for(self, count: int) -> None:
         """Wait until `count` samples are there and the card has sampled since the last look, or within `timeout_s`."""

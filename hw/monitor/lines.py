@@ -88,7 +88,7 @@ class Sampling:
     record_s: float
     buffer_s: float
     resolution_v: float = 0.0
-    lags_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lags_s: Sequence[float] = (0.0, 0.0, 0.0)
 
 
 class SampledMonitor:
