@@ -17,6 +17,7 @@ from haptic_driver.rig.rig import Rig
 from haptic_driver.simulation.friction import FrictionLaw
 from haptic_driver.simulation.rig import SimulatedRig
 from hw.force.sensor import ForceReading
+from hw.monitor.contract import ElectrodeReading
 from model.touch_model import TouchModel
 
 
@@ -42,6 +43,9 @@ class Bench(Protocol):
 
     def read_force(self) -> ForceReading:
         """The force sensor's present reading, its time on the session's clock."""
+
+    def read_electrode(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading | None:
+        """The electrode's voltage and current under this carrier; None where no monitor tells it. DeviceError."""
 
     def end_row(self) -> None:
         """The row's last force is read; HapticError when the finger did not slide as it should have."""
@@ -118,6 +122,10 @@ class SimulatedBench:
     def read_force(self) -> ForceReading:
         """See `Bench`."""
         return self.rig.read_force()
+
+    def read_electrode(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading | None:
+        """See `Bench`."""
+        return self.simulated.read_electrode(frequency_hz, voltage_v)
 
     def end_row(self) -> None:
         """See `Bench`; a simulated finger slides as it is told."""

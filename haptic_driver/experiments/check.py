@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import floor, log10
 from typing import NamedTuple
 
 import numpy as np
@@ -11,9 +12,13 @@ from haptic_driver.experiments.plan import Plan, Setting
 from haptic_driver.experiments.stroke import beyond_stage
 from haptic_driver.render.safety import violation
 from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.evidence import MONITOR_QUIET_V
 from haptic_driver.signals import OperatingPoint
 from model.conditions import Conditions
 from model.touch_model import TouchModel
+
+MOST_OF_LIMIT = 0.99  # of what the limits allow, so that rounding does not exceed them
+COMING_N = 0.5  # the load of a finger that touches where none should be
 
 
 class Refusal(NamedTuple):
@@ -51,9 +56,8 @@ def check(
 
     `settings` are `plan`'s, or without voltage; its times decide how long a slide is.
     """
-    table = np.array(settings, dtype=np.float64).reshape(-1, len(Setting._fields))
-    answer = model.predict(Conditions(table[:, 0], table[:, 1], table[:, 2], speed_m_s=table[:, 3]))
-    limits = config.operating_limits()
+    answer = model.predict(_conditions(settings))
+    limits = config.sweep_limits()
     points: dict[Setting, OperatingPoint] = {}
     refusals: list[Refusal] = []
     for i, setting in enumerate(settings):
@@ -62,6 +66,7 @@ def check(
         point = OperatingPoint(setting.frequency_hz, setting.voltage_v, cof, *currents, True, cof, cof)
         reason = (
             _beyond_generator(setting, config)
+            or _beyond_monitors(setting, config)
             or beyond_stage(setting, plan, config)
             or (None if np.isfinite(cof) else "the model predicts that the contact pulls in")
             or violation(limits, point)
@@ -71,6 +76,54 @@ def check(
         else:
             refusals.append(Refusal(setting, reason))
     return points, refusals
+
+
+def resolved(settings: Sequence[Setting], config: RigConfig, model: TouchModel) -> list[Setting]:
+    """Sweeps at the voltage that the rig allows there, to three digits: what they ask for, or the highest below it.
+
+    A stuck or wet finger is the worst case, also where the plan says that there is none. Beyond the reach of the
+    monitors that watch over the output only what they would call quiet is allowed.
+    """
+    answer = model.predict(_conditions(settings))
+    limits = config.sweep_limits()
+    found: list[Setting] = []
+    for setting, stuck_a in zip(settings, answer.stuck_current_rms_a, strict=True):
+        if setting.sweep:
+            highest_v = MOST_OF_LIMIT * float(
+                limits.highest_voltage_v(setting.frequency_hz, stuck_a / setting.voltage_v)
+            )
+            if setting.frequency_hz > config.monitor_reach_hz:
+                highest_v = min(highest_v, MONITOR_QUIET_V)
+            if highest_v < setting.voltage_v:
+                lower_v = 10.0 ** (floor(log10(max(highest_v, 1e-9))) - 2)
+                setting = setting._replace(voltage_v=round(floor(highest_v / lower_v) * lower_v, 12))  # noqa: PLW2901
+        found.append(setting)
+    return found
+
+
+def _conditions(settings: Sequence[Setting]) -> Conditions:
+    """What the model is asked about; without a finger about one that might come."""
+    f, v, load_n, speed_m_s, offset_v, waveform, _, _, time_s = (
+        np.array(column) for column in zip(*settings, strict=True)
+    )
+    return Conditions(
+        frequency_hz=f,
+        voltage_v=v,
+        normal_force_n=np.where(load_n > 0.0, load_n, COMING_N),
+        voltage_offset_v=offset_v,
+        waveform=waveform,
+        speed_m_s=speed_m_s,
+        time_s=np.array([t or 0.0 for t in time_s]),
+    )
+
+
+def _beyond_monitors(setting: Setting, config: RigConfig) -> str | None:
+    f, reach_hz = setting.frequency_hz, config.monitor_reach_hz
+    if f > reach_hz and setting.voltage_v > MONITOR_QUIET_V:
+        return f"above {reach_hz:g} Hz, where the rig's monitors alias, at most {MONITOR_QUIET_V:g} V are allowed"
+    if setting.sweep and config.electrode_monitor(f) is None:
+        return f"no monitor of this rig's file tells {f:g} Hz"
+    return None
 
 
 def _beyond_generator(setting: Setting, config: RigConfig) -> str | None:

@@ -6,6 +6,7 @@ only a salted hash; what a simulation hides cannot be read from it, nor whether 
 
 from __future__ import annotations
 
+import cmath
 import csv
 import hashlib
 import io
@@ -14,6 +15,7 @@ import os
 import secrets
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from math import isfinite, pi, sqrt
 from pathlib import Path
 from typing import Any, Self, TextIO
 
@@ -21,12 +23,22 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.average import Measured
 from haptic_driver.experiments.plan import Row
 from haptic_driver.files import replacing, writing
+from hw.monitor.contract import ElectrodeReading
 
-SETTING_COLUMNS = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "session", "trial")
+SETTING_COLUMNS = (
+    "frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "voltage_offset_v", "waveform", "finger", "session",
+    "trial",
+)  # fmt: skip
+ELECTRODE_COLUMNS = (
+    "electrode_voltage_v", "electrode_voltage_std_v", "electrode_voltage_phase_rad", "electrode_voltage_phase_std_rad",
+    "current_a", "current_std_a", "current_phase_rad", "current_phase_std_rad", "current_h2_a", "current_h3_a",
+)  # fmt: skip
 COLUMNS = (
     "frequency_hz", "voltage_v", "normal_force_n", "cof", "cof_std", "speed_m_s", "time_s", "session", "trial",
-    "measured_normal_force_n", "simulated",
+    "voltage_offset_v", "waveform", "finger", *ELECTRODE_COLUMNS, "kramers_kronig", "measured_normal_force_n",
+    "simulated",
 )  # fmt: skip
+UNKNOWN_PHASE_RAD = pi / sqrt(3.0)  # standard deviation of a phase of which nothing is known
 HINT = "Give another --out, or --force to overwrite it"
 
 
@@ -99,11 +111,13 @@ class DataFile:
             data._write(COLUMNS)
         return data
 
-    def append(self, row: Row, measured: Measured) -> None:
-        """Write one row through to the disk."""
-        texts = dict(zip(SETTING_COLUMNS, _setting_texts(row), strict=True)) | {
-            "cof": f"{measured.cof:.6g}",
-            "cof_std": f"{measured.cof_std:.4g}",
+    def append(self, row: Row, measured: Measured, electrode: ElectrodeReading | None = None) -> None:
+        """Write one row through to the disk; what was not measured is left empty."""
+        texts = dict.fromkeys(COLUMNS, "") | dict(zip(SETTING_COLUMNS, _setting_texts(row), strict=True))
+        texts |= {} if electrode is None else _electrode_texts(electrode)
+        texts |= {
+            "cof": _text(measured.cof),
+            "cof_std": _text(measured.cof_std, digits=4),
             "time_s": f"{measured.time_s:.6f}",
             "measured_normal_force_n": f"{measured.normal_force_n:.6g}",
             "simulated": "true" if self._simulated else "false",
@@ -133,7 +147,34 @@ def meta_path(path: Path) -> Path:
 
 
 def _setting_texts(row: Row) -> list[str]:
-    return [*(f"{value:.9g}" for value in row.setting), str(row.session), str(row.trial)]
+    setting = row.setting
+    told = (getattr(setting, name) for name in SETTING_COLUMNS[:-2])
+    texts = [value if isinstance(value, str) else f"{value:.9g}" for value in told]
+    return [*texts, str(row.session), str(row.trial)]
+
+
+def _electrode_texts(reading: ElectrodeReading) -> dict[str, str]:
+    """By column. Phases count from the generator's output; the electrode's own is left empty where nobody looked."""
+    texts: dict[str, str] = {}
+    for name, unit, phasor, std in (
+        ("electrode_voltage", "v", reading.voltage_v, reading.voltage_std_v),
+        ("current", "a", reading.current_a, reading.current_std_a),
+    ):
+        phase_std_rad = min(std / abs(phasor), UNKNOWN_PHASE_RAD) if phasor else UNKNOWN_PHASE_RAD
+        texts |= {
+            f"{name}_{unit}": _text(abs(phasor)),
+            f"{name}_std_{unit}": _text(std, digits=4),
+            f"{name}_phase_rad": _text(cmath.phase(phasor)),
+            f"{name}_phase_std_rad": _text(phase_std_rad, digits=4),
+        }
+    if not reading.referenced:
+        texts |= {"electrode_voltage_phase_rad": "", "electrode_voltage_phase_std_rad": ""}
+    return texts | {"current_h2_a": _text(reading.second_a, digits=4), "current_h3_a": _text(reading.third_a, digits=4)}
+
+
+def _text(value: float, digits: int = 6) -> str:
+    """A number, or nothing where it is none."""
+    return f"{value:.{digits}g}" if isfinite(value) else ""
 
 
 def _check_identity(path: Path, identity: Identity) -> None:

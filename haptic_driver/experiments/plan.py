@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, FiniteFloat, SkipValidation
+from pydantic import BeforeValidator, Field, FiniteFloat, SkipValidation, model_validator
 
 from haptic_driver.config import Section, find_config, parse, read_toml
 from haptic_driver.errors import BadInputError
@@ -26,6 +26,33 @@ Frequencies = Annotated[list[Annotated[FiniteFloat, Field(ge=1e-3, le=20e6)]], *
 Voltages = Annotated[list[Annotated[FiniteFloat, Field(ge=0.0, le=1000.0)]], *_SOME]
 Loads = Annotated[list[Annotated[FiniteFloat, Field(ge=0.01, le=20.0)]], *_SOME]
 Speeds = Annotated[list[Annotated[FiniteFloat, Field(ge=1e-4, le=1.0)]], *_SOME]
+Offsets = Annotated[list[Annotated[FiniteFloat, Field(ge=-1000.0, le=1000.0)]], *_SOME]
+Waveforms = Annotated[list[Literal["sine", "square", "dc"]], *_SOME]
+Times = Annotated[list[Annotated[FiniteFloat, Field(ge=0.0, le=86400.0)]], *_SOME]
+Fingers = Annotated[list[Literal["sliding", "resting", "none"]], *_SOME]
+
+
+def _spread(value: object) -> object:
+    """`{ low, high, per_decade }` as a list, evenly spaced on a logarithmic axis, to three digits."""
+    if not isinstance(value, dict):
+        return value
+    band = _Band.model_validate(value)
+    count = round(np.log10(band.high / band.low) * band.per_decade) + 1
+    return [float(f"{f:.3g}") for f in np.geomspace(band.low, band.high, count)]
+
+
+class _Band(Section):
+    """Frequencies by their ends, Hz."""
+
+    low: Annotated[FiniteFloat, Field(ge=1e-3, le=20e6)]
+    high: Annotated[FiniteFloat, Field(ge=1e-3, le=20e6)]
+    per_decade: Annotated[int, Field(ge=1, le=50)]
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.low >= self.high:
+            raise ValueError("low must be below high")
+        return self
 
 
 class _Block(Section):
@@ -35,6 +62,31 @@ class _Block(Section):
     voltage_v: Voltages
     normal_force_n: Loads
     speed_m_s: Speeds
+    voltage_offset_v: Offsets = [0.0]  # noqa: RUF012 - pydantic copies it
+    waveform: Waveforms = ["sine"]  # noqa: RUF012
+    time_s: Times | None = None
+
+
+class Sweep(Section):
+    """A spectrum of the electrode's voltage and current at a few volts, without friction.
+
+    Every load and speed is swept for each of `finger`: `sliding` at each speed, `resting`, or `none`, the open circuit
+    that calibrates the stray capacitance. `voltage_v` is the highest; less where the rig's limits ask for it.
+    """
+
+    frequency_hz: Annotated[Frequencies, BeforeValidator(_spread)]
+    voltage_v: Annotated[FiniteFloat, Field(gt=0.0, le=100.0)] = 5.0
+    normal_force_n: Loads = [0.5]  # noqa: RUF012
+    speed_m_s: Speeds = [0.02]  # noqa: RUF012
+    finger: Fingers = ["resting", "sliding"]  # noqa: RUF012
+
+    def settings(self) -> Iterator[Setting]:
+        """One spectrum after the other."""
+        for finger in self.finger:
+            loads_n = [0.0] if finger == "none" else self.normal_force_n
+            speeds_m_s = self.speed_m_s if finger == "sliding" else [0.0]
+            for load_n, speed_m_s, f in product(loads_n, speeds_m_s, self.frequency_hz):
+                yield Setting(f, self.voltage_v, load_n, speed_m_s, finger=finger, sweep=True)
 
 
 class _Procedure(Section):
@@ -58,26 +110,59 @@ class _Procedure(Section):
 
 
 class PlanFile(_Procedure):
-    """A plan as its file says; each of `points` is a block, with the lists of the file for what it does not say."""
+    """A plan as its file says; each of `points` is a block, with the lists of the file for what it does not say.
+
+    With `time_s` a setting is measured at these times of each session, otherwise in the order's own time.
+    """
 
     frequency_hz: Frequencies | None = None
     voltage_v: Voltages | None = None
     normal_force_n: Loads | None = None
     speed_m_s: Speeds | None = None
-    points: Annotated[list[dict[str, Any]], Field(min_length=1)] = [{}]  # noqa: RUF012 - pydantic copies it
+    voltage_offset_v: Offsets | None = None
+    waveform: Waveforms | None = None
+    time_s: Times | None = None
+    points: Annotated[list[dict[str, Any]], Field(min_length=1)] | None = None
+    sweep: list[Sweep] = []  # noqa: RUF012
+
+    def blocks(self) -> list[dict[str, Any]]:
+        """What the file says of each block; a file that has only sweeps has none."""
+        if self.points is not None:
+            return self.points
+        return [] if self.sweep and self.frequency_hz is None else [{}]
 
 
 class Setting(NamedTuple):
-    """What is set for one row; `voltage_v` 0 is friction without voltage, its frequency is 0 and means nothing."""
+    """What is set for one row; `voltage_v` 0 is friction without voltage, its frequency is 0 and means nothing.
+
+    A `sweep` measures no friction. `time_s` is when in its session the row is wanted, None for whenever.
+    """
 
     frequency_hz: float
     voltage_v: float
     normal_force_n: float
     speed_m_s: float
+    voltage_offset_v: float = 0.0
+    waveform: str = "sine"
+    finger: str = "sliding"
+    sweep: bool = False
+    time_s: float | None = None
+
+    @property
+    def driven(self) -> bool:
+        """Whether there is a voltage."""
+        return self.voltage_v > 0.0 or self.voltage_offset_v != 0.0
+
+    @property
+    def peak_v(self) -> float:
+        """The highest magnitude."""
+        if self.waveform == "dc":
+            return abs(self.voltage_v + self.voltage_offset_v)
+        return self.voltage_v + abs(self.voltage_offset_v)
 
     def without_voltage(self) -> Setting:
         """The same load and speed with the output off."""
-        return Setting(0.0, 0.0, self.normal_force_n, self.speed_m_s)
+        return Setting(0.0, 0.0, self.normal_force_n, self.speed_m_s, time_s=self.time_s)
 
 
 class Row(NamedTuple):
@@ -94,17 +179,43 @@ class Plan(_Procedure):
     settings: SkipValidation[tuple[Setting, ...]]
 
     def rows(self, settings: Sequence[Setting], seed: int) -> list[Row]:
-        """The order of measurement of `settings`, session by session, the same for the same seed."""
+        """The order of measurement of `settings`, session by session, the same for the same seed.
+
+        Sweeps come last, one spectrum after the other; what has a time comes when that is due.
+        """
         ordered: list[Row] = []
+        sweeps = [s for s in settings if s.sweep] * self.repeats
+        timed = sorted((s for s in settings if s.time_s is not None), key=lambda s: s.time_s or 0.0)
+        others = [s for s in settings if not s.sweep and s.time_s is None]
         for session in range(1, self.sessions + 1):
-            todo = list(settings) * self.repeats
+            todo = others * self.repeats
             if self.randomise:
                 todo = [todo[i] for i in np.random.default_rng([seed, session]).permutation(len(todo))]
             trials: Counter[Setting] = Counter()
-            for setting in self._with_voltage_off(todo):
+            for setting in self._timely(timed, [*self._with_voltage_off(todo), *sweeps]):
                 trials[setting] += 1
                 ordered.append(Row(setting, session, trials[setting]))
         return ordered
+
+    def row_s(self, setting: Setting) -> float:
+        """How long a row takes, apart from bringing up the voltage."""
+        return self.settle_s + (0.0 if setting.sweep else self.average_s) + self.pause_s
+
+    def _timely(self, timed: Sequence[Setting], others: Sequence[Setting]) -> list[Setting]:
+        """Rows with a time among the others: before the first that would make them late."""
+        order: list[Setting] = []
+        waiting, clock_s = list(timed), 0.0
+        for setting in others:
+            while waiting and self.begin_s(waiting[0]) < clock_s + self.row_s(setting):
+                clock_s = max(clock_s, self.begin_s(waiting[0])) + self.row_s(waiting[0])
+                order.append(waiting.pop(0))
+            clock_s += self.row_s(setting)
+            order.append(setting)
+        return order + waiting
+
+    def begin_s(self, setting: Setting) -> float:
+        """When in its session a row with a time begins, so that the middle of its window lies there."""
+        return (setting.time_s or 0.0) - self.settle_s - 0.5 * self.average_s
 
     def _with_voltage_off(self, todo: list[Setting]) -> list[Setting]:
         """A row without voltage, at the load and speed of the row that follows, before every so many rows."""
@@ -123,27 +234,37 @@ def load_plan(name_or_path: str) -> Plan:
     file = parse(PlanFile, read_toml(path), str(path))
     settings: dict[Setting, None] = {}
     shared = file.model_dump(include=set(_Block.model_fields), exclude_none=True)
-    for number, block in enumerate(file.points, start=1):
-        where = f"{path}, [[points]] {number}" if "points" in file.model_fields_set else str(path)
-        levels = parse(_Block, shared | block, where)
-        for f, v, n, s in product(levels.frequency_hz, levels.voltage_v, levels.normal_force_n, levels.speed_m_s):
-            setting = Setting(float(f), float(v), float(n), float(s))
-            settings[setting if v > 0.0 else setting.without_voltage()] = None
+    for number, block in enumerate(file.blocks(), start=1):
+        where = f"{path}, [[points]] {number}" if file.points is not None else str(path)
+        settings |= dict.fromkeys(_settings(parse(_Block, shared | block, where)))
+    settings |= dict.fromkeys(setting for sweep in file.sweep for setting in sweep.settings())
+    if not settings:
+        raise BadInputError("bad_config", f"{path}: the plan measures nothing", "Give [[points]] or [[sweep]]")
     count = len(settings) * file.repeats * file.sessions
     if count > MOST_ROWS:
         raise BadInputError("bad_config", f"{path}: the plan has {count} rows", f"At most {MOST_ROWS} are measured")
-    rest = file.model_dump(exclude={"points", *_Block.model_fields})
+    rest = file.model_dump(exclude={"points", "sweep", *_Block.model_fields})
     return Plan(settings=tuple(settings), **rest)
+
+
+def _settings(levels: _Block) -> Iterator[Setting]:
+    """Every combination of a block; a direct voltage has no frequency."""
+    every = product(
+        levels.frequency_hz, levels.voltage_v, levels.normal_force_n, levels.speed_m_s, levels.voltage_offset_v,
+        levels.waveform, levels.time_s or [None],
+    )  # fmt: skip
+    for f, v, n, s, offset_v, waveform, time_s in every:
+        frequency_hz = 0.0 if waveform == "dc" else float(f)
+        setting = Setting(frequency_hz, float(v), float(n), float(s), float(offset_v), waveform, time_s=time_s)
+        yield setting if setting.driven else setting.without_voltage()
 
 
 def write_plan(path: Path, name: str, about: str, settings: Sequence[Setting], repeats: int) -> None:
     """A plan's file with `settings` as they stand, which `load_plan` reads; HapticError when it cannot be written."""
     lines = [f"name = {json.dumps(name)}", f"about = {json.dumps(about)}", f"repeats = {repeats}"]
     for setting in settings:
-        frequency_hz = setting.frequency_hz if setting.voltage_v > 0.0 else UNDRIVEN_HZ
-        lines += [
-            "",
-            "[[points]]",
-            *(f"{key} = {value}" for key, value in setting._replace(frequency_hz=frequency_hz)._asdict().items()),
-        ]
+        block = setting._asdict()
+        block["frequency_hz"] = setting.frequency_hz if setting.voltage_v > 0.0 else UNDRIVEN_HZ
+        told = {key: value for key, value in block.items() if value != Setting._field_defaults.get(key)}
+        lines += ["", "[[points]]", *(f"{key} = {json.dumps(value)}" for key, value in told.items())]
     write_text(path, "\n".join(lines) + "\n")

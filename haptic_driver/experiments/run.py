@@ -6,14 +6,14 @@ import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, nan
 
 import numpy as np
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.average import Measured, average
 from haptic_driver.experiments.bench import Bench
-from haptic_driver.experiments.check import Refusal, check
+from haptic_driver.experiments.check import Refusal, check, resolved
 from haptic_driver.experiments.data_file import DataFile, Identity
 from haptic_driver.experiments.plan import Plan, Row, Setting
 from haptic_driver.experiments.stroke import stage_of
@@ -24,6 +24,8 @@ from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.rig import Rig, require_verified
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import Array, OperatingPoint
+from hw.errors import DeviceError
+from hw.monitor.contract import ElectrodeReading
 from model.touch_model import TouchModel
 
 READING_S = 0.005  # between force readings; longer where sensor or output take longer
@@ -56,7 +58,7 @@ class Experiment:
     @property
     def duration_s(self) -> float:
         """How long all rows take, apart from bringing up the voltage."""
-        return len(self.rows) * (self.plan.settle_s + self.plan.average_s + self.plan.pause_s)
+        return sum(self.plan.row_s(row.setting) for row in self.rows)
 
     def identity(self, hidden: str = "") -> Identity:
         """What a data file must have been begun with to be continued; `hidden` is whatever else shapes the friction."""
@@ -83,11 +85,12 @@ def prepare(config: RigConfig, model: TouchModel, plan: Plan, seed: int | None =
     if not config.simulated:
         stage_of(config)
     require_verified(config)
-    points, refusals = check([s for s in plan.settings if s.voltage_v > 0.0], plan, config, model)
-    resting = list({s.without_voltage(): None for s in plan.settings})
-    without, refused = check(resting, plan, config, model)
-    refusals += [refusal for refusal in refused if refusal.setting in plan.settings]
-    permitted = [s for s in plan.settings if s in points or s in without]
+    settings = resolved(plan.settings, config, model)
+    points, refusals = check([s for s in settings if s.driven], plan, config, model)
+    undriven = list({s.without_voltage(): None for s in settings if not s.sweep})
+    without, refused = check(undriven, plan, config, model)
+    refusals += [refusal for refusal in refused if refusal.setting in settings]
+    permitted = [s for s in settings if s in points or s in without]
     if not permitted:
         said = f"plan {plan.name}: rig {config.name} refuses every point, first {refusals[0]}"
         raise BadInputError("all_refused", said, "Choose other points, or another rig")
@@ -115,7 +118,8 @@ def run(
             if row.session != session:
                 session = row.session
                 bench.begin_session(session, _session_time_s(experiment, data, session))
-            data.append(row, _measure_under_its_load(experiment, bench, number, row, tell))
+            _wait_until_due(experiment.plan, bench, row.setting)
+            data.append(row, *_measure_under_its_load(experiment, bench, number, row, tell))
             progress(data.done)
     finally:
         evidence = bench.rig.off()
@@ -124,20 +128,28 @@ def run(
 
 def _measure_under_its_load(
     experiment: Experiment, bench: Bench, number: int, row: Row, tell: Callable[[str], None]
-) -> Measured:
+) -> tuple[Measured, ElectrodeReading | None]:
     """A row whose mean load was the row's, at one of a few attempts."""
     wanted_n, tolerance = row.setting.normal_force_n, experiment.plan.load_tolerance
     for _ in range(ATTEMPTS):
-        measured = measure_row(experiment, bench, number, row)
+        measured, electrode = measure_row(experiment, bench, number, row)
         if abs(measured.normal_force_n - wanted_n) <= tolerance * wanted_n:
-            return measured
+            return measured, electrode
         missed = f"row {number + 1}: the load was {measured.normal_force_n:.3g} N, not {wanted_n:g} N"
         tell(f"{missed}; once more")
     said = f"{missed}, {ATTEMPTS} times"
     raise HapticError("load_missed", said, "Hold the load, or raise the plan's load_tolerance; then --resume")
 
 
-def measure_row(experiment: Experiment, bench: Bench, number: int, row: Row) -> Measured:
+def _wait_until_due(plan: Plan, bench: Bench, setting: Setting) -> None:
+    """A row with a time waits for it, the finger lifted."""
+    if setting.time_s is not None and (early_s := plan.begin_s(setting) - bench.read_force().time_s) > 0.0:
+        bench.step(early_s, 0.0, 0.0)
+
+
+def measure_row(
+    experiment: Experiment, bench: Bench, number: int, row: Row
+) -> tuple[Measured, ElectrodeReading | None]:
     """What one row gives; the finger is lifted and the output off after."""
     plan, setting = experiment.plan, row.setting
     try:
@@ -146,17 +158,34 @@ def measure_row(experiment: Experiment, bench: Bench, number: int, row: Row) -> 
         steps = ceil(plan.settle_s / SETTLING_STEP_S)
         for _ in range(steps):
             _slide(bench, plan.settle_s / steps, setting)
-        window = _window(bench, plan.average_s, setting)
+        window = _window(bench, plan.average_s, setting) if setting.finger != "none" else None
+        electrode = _electrode(bench, setting)
+        ended_s = bench.read_force().time_s
         bench.end_row()
     finally:
         evidence = bench.rig.off()
     _require_off(evidence)
     bench.step(plan.pause_s, 0.0, 0.0)
+    if window is None:
+        return Measured(nan, nan, 0.0, ended_s), electrode
     measured = average(window[:, 0], window[:, 1], window[:, 2])
+    if setting.sweep:
+        return measured._replace(cof=nan, cof_std=nan), electrode
     if not measured.valid:
         hint = "Check that the finger slides, and the force sensor's axes: both forces count positive"
         raise HapticError("no_friction", f"row {number + 1}, {setting}: measured {measured}", hint)
-    return measured
+    return measured, electrode
+
+
+def _electrode(bench: Bench, setting: Setting) -> ElectrodeReading | None:
+    """The electrode's voltage and current at the end of the window, where a monitor tells its carrier."""
+    if not setting.driven or setting.frequency_hz == 0.0:
+        return None
+    bench.rig.hold(bench.time_s)
+    try:
+        return bench.read_electrode(setting.frequency_hz, setting.voltage_v)
+    except DeviceError as error:
+        raise HapticError(error.code, f"the electrode's monitor, at {setting}: {error.message}", error.hint) from error
 
 
 def _window(bench: Bench, average_s: float, setting: Setting) -> Array:

@@ -19,6 +19,7 @@ from haptic_driver.rig.devices import connect_devices
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.rig import Rig
 from hw.force.sensor import ForceReading
+from hw.monitor.contract import ElectrodeReading
 from hw.stage.lts150 import Lts150, StageStatus
 
 LOAD_WAIT_S = 60.0  # for a person to bring the load, or to lift the finger
@@ -50,7 +51,8 @@ class StageBench:
         self._devices = connect_devices(without_envelope(config))
         self._sensor_zero_s = 0.0  # on the force sensor's clock
         self._sessions = 0
-        self._stroke: tuple[float, StageStatus]  # its speed, and the stage's status when it had been reached
+        # its speed, and the stage's status when it had been reached; None while the finger does not slide
+        self._stroke: tuple[float, StageStatus] | None = None
 
     @property
     def rig(self) -> Rig:
@@ -72,21 +74,28 @@ class StageBench:
 
     def begin_row(self, number: int, row: Row) -> None:
         """See `Bench`. To where the stroke begins, until the load is there, and up to speed."""
-        stage, wanted_n = self._stage, row.setting.normal_force_n
+        stage, wanted_n, self._stroke = self._stage, row.setting.normal_force_n, None
+        if row.setting.finger == "none":
+            lifted_n = self._config.finger.contact_off_n
+            self._await_load(f"row {number + 1}: take the finger off", lambda load_n: load_n < lifted_n)
+            return
+        tolerance_n = self._plan.load_tolerance * wanted_n
+        pressing = f"row {number + 1}: press with {wanted_n:g} N"
+        if row.setting.finger == "resting":
+            self._await_load(f"{pressing}, still", lambda load_n: abs(load_n - wanted_n) <= tolerance_n)
+            return
         path = stroke(row.setting, self._plan, self._config)
         stage.set_velocity(self._stage_config.velocity_m_s, self._stage_config.acceleration_m_s2)
         stage.move_to(path.start_m)
         stage.wait(self._move_s(stage, path.start_m))
-        tolerance_n = self._plan.load_tolerance * wanted_n
-        self._await_load(
-            f"row {number + 1}: press with {wanted_n:g} N", lambda load_n: abs(load_n - wanted_n) <= tolerance_n
-        )
+        self._await_load(pressing, lambda load_n: abs(load_n - wanted_n) <= tolerance_n)
         self._tell(f"row {number + 1}: measuring, hold {wanted_n:g} N")
         stage.set_velocity(path.speed_m_s, self._stage_config.acceleration_m_s2)
         stage.move_to(path.end_m)
         time.sleep(path.accelerate_s)
-        self._stroke = path.speed_m_s, stage.read_status()
-        if not self._stroke[1].moving:
+        began = stage.read_status()
+        self._stroke = path.speed_m_s, began
+        if not began.moving:
             raise HapticError("stage_rests", "the stage was told to move and rests", "Free the stage; is it enabled?")
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
@@ -100,8 +109,15 @@ class StageBench:
         reading = self.rig.read_force()
         return reading._replace(time_s=reading.time_s - self._sensor_zero_s)
 
+    def read_electrode(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading | None:
+        """See `Bench`."""
+        i = self._config.electrode_monitor(frequency_hz)
+        return None if i is None else self._devices.electrode_monitors[i].read(frequency_hz, voltage_v)
+
     def end_row(self) -> None:
         """See `Bench`. HapticError when the stage did not slide at the row's speed all the time."""
+        if self._stroke is None:
+            return
         (wanted_m_s, began), ended = self._stroke, self._stage.read_status()
         if not ended.moving:
             said = f"the stage came to rest at {1e3 * ended.position_m:.1f} mm before the row was over"

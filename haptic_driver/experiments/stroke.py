@@ -45,7 +45,7 @@ def stroke(setting: Setting, plan: Plan, config: RigConfig) -> Stroke:
 
 def beyond_stage(setting: Setting, plan: Plan, config: RigConfig) -> str | None:
     """Why the stage cannot slide so; None when it can. A simulated finger slides as far as it is told."""
-    if config.simulated:
+    if config.simulated or setting.finger != "sliding":
         return None
     stage = stage_of(config)
     if setting.speed_m_s > stage.velocity_limit_m_s:

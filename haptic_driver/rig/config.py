@@ -306,6 +306,16 @@ class RigConfig(Section):
             return inf
         return highest_carrier_hz(self.analog_inputs.sample_rate_hz)
 
+    def electrode_monitor(self, frequency_hz: float) -> int | None:
+        """Which of the electrode's monitors, the first of the file that tells a carrier; None for none of them."""
+        for i, monitor in enumerate(self.electrode_monitors):
+            on_card = isinstance(monitor, CardElectrodeMonitorConfig) and self.analog_inputs is not None
+            highest_hz = self.monitor_reach_hz if on_card else monitor.highest_hz
+            lowest_hz = 1.0 / self.analog_inputs.buffer_s if on_card and self.analog_inputs else monitor.lowest_hz
+            if lowest_hz <= frequency_hz <= highest_hz:
+                return i
+        return None
+
     def generator_kind(self) -> generators.GeneratorKind:
         """The installed kind of waveform generator; BadInputError where its package cannot be loaded."""
         try:

@@ -13,11 +13,16 @@ if TYPE_CHECKING:
 
 
 class SomeElectrodeMonitor(PartSection):
-    """What every kind says; `highest_hz` is the highest carrier that it tells, 0 where the card decides."""
+    """What every kind says: which carriers it tells. Where the card decides, `highest_hz` is 0."""
 
     @property
     def highest_hz(self) -> float:
-        """See above."""
+        """The highest carrier."""
+        return 0.0
+
+    @property
+    def lowest_hz(self) -> float:
+        """The lowest carrier."""
         return 0.0
 
 
@@ -37,6 +42,11 @@ class SimulatedElectrodeMonitorConfig(SomeElectrodeMonitor):
         from hw.analog.demodulation import highest_carrier_hz
 
         return highest_carrier_hz(self.sample_rate_hz)
+
+    @property
+    def lowest_hz(self) -> float:
+        """One period in the buffer."""
+        return 1.0 / self.buffer_s
 
     def sampling(self) -> Sampling:
         """The same, as the driver takes it."""

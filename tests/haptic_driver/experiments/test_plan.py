@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.experiments.plan import Plan, load_plan
+from haptic_driver.experiments.plan import Plan, Setting, load_plan
 
 GRID = """
 name = "grid"
@@ -63,13 +63,16 @@ def test_points_take_what_they_do_not_say_from_the_lists(tmp_path: Path) -> None
     points = "[[points]]\nvoltage_v = 60.0\nfrequency_hz = [10.0, 20.0]\n[[points]]\nspeed_m_s = 0.05\n"
     plan = plan_of(tmp_path, GRID + points)
     assert len(plan.settings) == 2 * 2 + 3 * 2 * 2
-    assert (10.0, 60.0, 0.25, 0.02) in plan.settings
-    assert (60.0, 50.0, 0.5, 0.05) in plan.settings
+    assert Setting(10.0, 60.0, 0.25, 0.02) in plan.settings
+    assert Setting(60.0, 50.0, 0.5, 0.05) in plan.settings
 
 
 def test_zero_volts_is_one_setting_whatever_the_frequency(tmp_path: Path) -> None:
     plan = plan_of(tmp_path, GRID.replace("[50.0, 75.0]", "[0.0, 75.0]"))
-    assert [s for s in plan.settings if s.voltage_v == 0.0] == [(0.0, 0.0, 0.25, 0.02), (0.0, 0.0, 0.5, 0.02)]
+    assert [s for s in plan.settings if s.voltage_v == 0.0] == [
+        Setting(0.0, 0.0, 0.25, 0.02),
+        Setting(0.0, 0.0, 0.5, 0.02),
+    ]
 
 
 def test_the_order_is_random_and_the_same_for_the_same_seed(tmp_path: Path) -> None:
@@ -141,3 +144,75 @@ def test_bad_files_and_names_are_named(tmp_path: Path) -> None:
     assert "paper" in caught.value.hint
     with pytest.raises(BadInputError, match="no such file"):
         load_plan(str(tmp_path / "missing.toml"))
+
+
+SWEEP = """
+name = "witness"
+[[sweep]]
+frequency_hz = { low = 10.0, high = 1e4, per_decade = 2 }
+normal_force_n = [0.25, 1.0]
+finger = ["none", "resting", "sliding"]
+"""
+
+
+def test_a_sweep_is_a_spectrum_for_each_finger_and_load(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, SWEEP)
+    expected_hz = [10.0, 31.6, 100.0, 316.0, 1e3, 3160.0, 1e4]
+    spectra = [("none", 0.0, 0.0), ("resting", 0.25, 0.0), ("resting", 1.0, 0.0)]
+    spectra += [("sliding", 0.25, 0.02), ("sliding", 1.0, 0.02)]
+    assert [(s.finger, s.normal_force_n, s.speed_m_s, s.frequency_hz) for s in plan.settings] == [
+        (*spectrum, f) for spectrum in spectra for f in expected_hz
+    ]
+    assert all(s.sweep and s.voltage_v == 5.0 for s in plan.settings)
+
+
+def test_sweeps_come_last_in_their_own_order_and_without_rows_of_no_voltage(tmp_path: Path) -> None:
+    grid = GRID + "sessions = 2\nrepeats = 2\nvoltage_off_every = 4\n"
+    plan = plan_of(tmp_path, grid + SWEEP.replace('name = "witness"', ""))
+    rows = [row for row in plan.rows(plan.settings, 1) if row.session == 2]
+    swept = [row.setting for row in rows if row.setting.sweep]
+    assert [row.setting for row in rows][-len(swept) :] == swept
+    assert swept == [s for s in plan.settings if s.sweep] * 2
+    assert len(rows) == len(swept) + 24 + 6
+
+
+def test_a_bias_another_waveform_and_a_time_are_settings(tmp_path: Path) -> None:
+    points = '[[points]]\nvoltage_offset_v = [-30.0, 30.0]\n[[points]]\nwaveform = ["square", "dc"]\n'
+    plan = plan_of(tmp_path, GRID + points)
+    assert Setting(60.0, 50.0, 0.25, 0.02, -30.0) in plan.settings
+    assert Setting(60.0, 50.0, 0.25, 0.02, 0.0, "square") in plan.settings
+    assert {s.frequency_hz for s in plan.settings if s.waveform == "dc"} == {0.0}
+    assert [Setting(60.0, 50.0, 0.5, 0.0, -30.0).peak_v, Setting(0.0, 50.0, 0.5, 0.0, -30.0, "dc").peak_v] == [80, 20]
+
+
+def test_what_has_a_time_begins_when_it_is_due(tmp_path: Path) -> None:
+    timed = "[[points]]\n[[points]]\nfrequency_hz = 250.0\nvoltage_v = 75.0\ntime_s = [5.0, 20.0, 600.0]\n"
+    plan = plan_of(tmp_path, GRID + timed)
+    clock_s, began = 0.0, {}
+    for row in plan.rows(plan.settings, 1):
+        if row.setting.time_s is not None:
+            clock_s = max(clock_s, plan.begin_s(row.setting))
+            began[row.setting] = clock_s
+        clock_s += plan.row_s(row.setting)
+    for setting, begin_s in began.items():
+        if setting.normal_force_n == 0.25:  # the first of the two with the same time
+            assert begin_s - plan.begin_s(setting) == pytest.approx(0.0, abs=plan.row_s(setting))
+    assert [s.time_s for s in began] == [5.0, 5.0, 20.0, 20.0, 600.0, 600.0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("low = 10.0", "low = 1e5", "low must be below high"),
+        ("per_decade = 2", "per_decade = 0", "per_decade"),
+        ('"resting", ', '"pressing", ', "finger"),
+        ("[[sweep]]", "[[sweep]]\nvoltage_v = 150.0", "voltage_v"),
+        ("[[sweep]]", "[[sweep]]\ntime_s = 1.0", "time_s"),
+    ],
+)
+def test_a_bad_sweep_names_its_key(tmp_path: Path, old: str, new: str, said: str) -> None:
+    assert said in refused(tmp_path, SWEEP.replace(old, new)).message
+
+
+def test_a_plan_that_measures_nothing_is_refused(tmp_path: Path) -> None:
+    assert "frequency_hz" in refused(tmp_path, 'name = "nothing"').message
