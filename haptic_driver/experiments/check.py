@@ -89,9 +89,8 @@ def resolved(settings: Sequence[Setting], config: RigConfig, model: TouchModel) 
     found: list[Setting] = []
     for setting, stuck_a in zip(settings, answer.stuck_current_rms_a, strict=True):
         if setting.sweep:
-            highest_v = MOST_OF_LIMIT * float(
-                limits.highest_voltage_v(setting.frequency_hz, stuck_a / setting.voltage_v)
-            )
+            per_volt = stuck_a / setting.voltage_v
+            highest_v = MOST_OF_LIMIT * float(limits.highest_voltage_v(setting.frequency_hz, per_volt))
             if setting.frequency_hz > config.monitor_reach_hz:
                 highest_v = min(highest_v, MONITOR_QUIET_V)
             if highest_v < setting.voltage_v:
@@ -103,17 +102,14 @@ def resolved(settings: Sequence[Setting], config: RigConfig, model: TouchModel) 
 
 def _conditions(settings: Sequence[Setting]) -> Conditions:
     """What the model is asked about; without a finger about one that might come."""
-    f, v, load_n, speed_m_s, offset_v, waveform, _, _, time_s = (
-        np.array(column) for column in zip(*settings, strict=True)
-    )
     return Conditions(
-        frequency_hz=f,
-        voltage_v=v,
-        normal_force_n=np.where(load_n > 0.0, load_n, COMING_N),
-        voltage_offset_v=offset_v,
-        waveform=waveform,
-        speed_m_s=speed_m_s,
-        time_s=np.array([t or 0.0 for t in time_s]),
+        frequency_hz=np.array([s.frequency_hz for s in settings]),
+        voltage_v=np.array([s.voltage_v for s in settings]),
+        normal_force_n=np.array([s.normal_force_n or COMING_N for s in settings]),
+        voltage_offset_v=np.array([s.voltage_offset_v for s in settings]),
+        waveform=np.array([s.waveform for s in settings], dtype=np.str_),
+        speed_m_s=np.array([s.speed_m_s for s in settings]),
+        time_s=np.array([s.time_s or 0.0 for s in settings]),
     )
 
 

@@ -249,9 +249,10 @@ def load_plan(name_or_path: str) -> Plan:
 
 def _settings(levels: _Block) -> Iterator[Setting]:
     """Every combination of a block; a direct voltage has no frequency."""
+    times: Sequence[float | None] = levels.time_s or [None]
     every = product(
         levels.frequency_hz, levels.voltage_v, levels.normal_force_n, levels.speed_m_s, levels.voltage_offset_v,
-        levels.waveform, levels.time_s or [None],
+        levels.waveform, times,
     )  # fmt: skip
     for f, v, n, s, offset_v, waveform, time_s in every:
         frequency_hz = 0.0 if waveform == "dc" else float(f)

@@ -1,10 +1,11 @@
-"""The friction of a simulated finger: its model's, with the effects that a rig's configuration hides."""
+"""A simulated finger: its model's friction and electrode current, with the effects that a configuration hides."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from haptic_driver.render.correction import factors_at
 from haptic_driver.render.surface import cof_at
 from haptic_driver.signals import FingerState
 from haptic_driver.surface.file import SurfaceFile, ready_for_lookup
+from hw.monitor.simulated import ElectrodeState
 from model.conditions import Conditions
 from model.effects import BY_NAME
 from model.parameters import Parameter
@@ -24,8 +26,17 @@ LEAST_FORCE_N = 1e-3  # of a touch that the model is asked about
 HIGHEST_SPEED_M_S = 10.0  # that the model is asked about
 TIME_STEP_S = 0.05  # effects of time see it in steps this long
 
-FrictionLaw = Callable[[float, float, float, float, float], float]
-"""(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s) -> lateral force in N that would be there after long."""
+FrictionLaw = Callable[..., float]
+"""(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s) -> lateral force in N that would be there after long.
+
+Under a bias or another waveform than a sine it is also given (voltage_offset_v, waveform).
+"""
+
+ElectrodeLaw = Callable[..., ElectrodeState | None]
+"""The same inputs -> what is at the electrode, stray current included, against the set voltage; None where not known.
+
+Without a load there is no finger, without speed it rests.
+"""
 
 
 def friction_of(model: TouchModel) -> FrictionLaw:
@@ -33,18 +44,49 @@ def friction_of(model: TouchModel) -> FrictionLaw:
     ages = any("time_s" in effect.needs for effect in model.description.effects)
 
     @lru_cache(maxsize=64)
-    def cof(frequency_hz: float, voltage_v: float, load_n: float, speed_m_s: float, time_s: float) -> float:
-        f, v, n, s, t = (np.array([x]) for x in (frequency_hz, voltage_v, load_n, speed_m_s, time_s))
-        return float(model.predict(Conditions(f, v, n, speed_m_s=s, time_s=t)).cof[0])
+    def cof(*condition: Any) -> float:
+        return float(model.predict(_condition(*condition)).cof[0])
 
     def friction_n(
-        frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float, time_s: float
-    ) -> float:
+        frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float, time_s: float,
+        voltage_offset_v: float = 0.0, waveform: str = "sine",
+    ) -> float:  # fmt: skip
         load_n = max(normal_force_n, LEAST_FORCE_N)
         seen_s = TIME_STEP_S * round(time_s / TIME_STEP_S) if ages else 0.0
-        return cof(frequency_hz, voltage_v, load_n, min(abs(speed_m_s), HIGHEST_SPEED_M_S), seen_s) * normal_force_n
+        speed_m_s = min(abs(speed_m_s), HIGHEST_SPEED_M_S)
+        return cof(frequency_hz, voltage_v, load_n, speed_m_s, seen_s, voltage_offset_v, waveform) * normal_force_n
 
     return friction_n
+
+
+def electrode_of(model: TouchModel, stray_capacitance_f: float = 0.0) -> ElectrodeLaw:
+    """What the model says of the electrode, with more stray capacitance than the model's own in parallel."""
+
+    def state(
+        frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float, time_s: float,
+        voltage_offset_v: float = 0.0, waveform: str = "sine",
+    ) -> ElectrodeState:  # fmt: skip
+        finger = "none" if normal_force_n <= 0.0 else "resting" if speed_m_s == 0.0 else "sliding"
+        condition = _condition(
+            frequency_hz, voltage_v, max(normal_force_n, LEAST_FORCE_N), min(abs(speed_m_s), HIGHEST_SPEED_M_S), time_s,
+            voltage_offset_v, waveform,
+        )  # fmt: skip
+        answer = model.predict(replace(condition, finger=np.array([finger])))
+        voltage, current = complex(answer.electrode_voltage_v[0]), complex(answer.electrode_current_a[0])
+        stray_a = 2j * np.pi * frequency_hz * stray_capacitance_f * voltage
+        return ElectrodeState(frequency_hz, voltage, current + stray_a, direct_v=voltage_offset_v)
+
+    return state
+
+
+def _condition(
+    frequency_hz: float, voltage_v: float, load_n: float, speed_m_s: float, time_s: float, offset_v: float,
+    waveform: str,
+) -> Conditions:  # fmt: skip
+    f, v, n, s, t, offset, wave = (
+        np.array([x]) for x in (frequency_hz, voltage_v, load_n, speed_m_s, time_s, offset_v, waveform)
+    )
+    return Conditions(f, v, n, speed_m_s=s, time_s=t, voltage_offset_v=offset, waveform=wave)
 
 
 def surface_friction(file: SurfaceFile, limits: OperatingLimits) -> FrictionLaw:

@@ -17,10 +17,12 @@ from hw.finger.plant import FingerPlant
 from hw.force.net_ft import NetFtScale
 from hw.force.net_ft_server import NetFtServer
 from hw.generator.contract import GeneratorLatency, Listener, SimulatedGenerator, TerminalOutput
+from hw.generator.settings import Shape
 from hw.serving.responder import Responder
 from hw.serving.tcp import TcpServer
 from hw.transport.running import RunningTogether
 
+SINE_WITHOUT_BIAS = (0.0, Shape.SINE.value)
 SCALE = NetFtScale(counts_per_n=1e6, counts_per_n_m=1e6)  # of the force sensor
 
 
@@ -50,8 +52,10 @@ class SimulatedInstruments(RunningTogether):
         self.generator = simulated_generator(config, self._drive)
         self.card = SimulatedCard(output.zero_level_v) if isinstance(output, SimulatedAnalogOutputConfig) else None
         self.finger_gain = 1.0
+        self._friction = friction
+        self.speed_m_s = 0.0
         self.plant = FingerPlant(
-            lambda f, v, n, speed: self.finger_gain * friction(f, v, n, speed, self.plant.time_s),
+            self._lateral_n,
             cutoff_hz_per_mm_s=simulation.friction_cutoff_hz_per_mm_s,
         )
         self.generator_server = TcpServer(wrap(self.generator), generator_port)
@@ -72,6 +76,7 @@ class SimulatedInstruments(RunningTogether):
         output = self.generator.output()
         voltage_v = self.amplifier.step(dt_s, output)
         self._on_drive(output.frequency_hz, voltage_v)
+        self.speed_m_s = speed_m_s
         self.plant.step(dt_s, output.frequency_hz, voltage_v, normal_force_n, speed_m_s)
 
     def tell_drive(self) -> None:
@@ -87,6 +92,23 @@ class SimulatedInstruments(RunningTogether):
     def frequency_hz(self) -> float:
         """Frequency at the generator's terminals now."""
         return self.generator.output().frequency_hz
+
+    def stimulus(self) -> tuple[float, float, float, str]:
+        """What is at the electrode now: frequency_hz, voltage_v, voltage_offset_v, waveform."""
+        output = self.amplifier.output
+        if output.shape is Shape.DC:
+            return 0.0, output.offset_v, 0.0, output.shape.value
+        return output.frequency_hz, output.amplitude_v, output.offset_v, output.shape.value
+
+    def _lateral_n(self, frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float) -> float:
+        """The finger's friction; voltages without bias are told by their peak alone."""
+        told: tuple[float | str, ...] = ()
+        if voltage_v > 0.0:
+            f, v, offset_v, waveform = self.stimulus()
+            if (offset_v, waveform) != SINE_WITHOUT_BIAS:
+                frequency_hz, voltage_v, told = f, v, (offset_v, waveform)
+        law, time_s = self._friction, self.plant.time_s
+        return self.finger_gain * law(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s, *told)
 
     def _drive(self, output: TerminalOutput) -> None:
         """What the generator does between steps."""

@@ -9,11 +9,15 @@ from typing import Self
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import build_rig
 from haptic_driver.rig.part import Wiring
-from haptic_driver.simulation.friction import FrictionLaw, friction_of, with_hidden
-from haptic_driver.simulation.instruments import SCALE, SimulatedInstruments
+from haptic_driver.rig.parts.electrode_monitors import SimulatedElectrodeMonitorConfig
+from haptic_driver.simulation.friction import ElectrodeLaw, FrictionLaw, electrode_of, friction_of, with_hidden
+from haptic_driver.simulation.instruments import SCALE, SINE_WITHOUT_BIAS, SimulatedInstruments
 from hw.errors import DeviceTimeout
 from hw.force.net_ft import NetFt, NetFtSettings
 from hw.force.sensor import ForceAxes, ForceReading
+from hw.monitor.contract import ElectrodeMonitor, ElectrodeReading
+from hw.monitor.lines import SampledMonitor
+from hw.monitor.simulated import ElectrodeState, SimulatedInputs, SimulatedLines
 from hw.serving.responder import Responder
 from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
@@ -26,9 +30,9 @@ class SimulatedRig:
     """A rig and its instruments, connected over loopback inside a `with` block.
 
     `rig` is what a driver sees, `instruments` what lies behind; `instruments.amplifier` keeps the record of what really
-    was at the electrode. `friction`: any function instead of the model's with the effects that the rig's configuration
-    hides. `wrap`: see `SimulatedInstruments`. `through` may put something around the driver's transport, such as a wire
-    log.
+    was at the electrode. `friction` and `electrode`: any functions instead of the model's with the effects that the
+    rig's configuration hides; friction without the other leaves nothing to read at the electrode. `wrap`: see
+    `SimulatedInstruments`. `through` may put something around the driver's transport, such as a wire log.
     """
 
     def __init__(
@@ -37,11 +41,14 @@ class SimulatedRig:
         model: TouchModel,
         wrap: Callable[[Responder], Responder] = lambda generator: generator,
         friction: FrictionLaw | None = None,
+        electrode: ElectrodeLaw | None = None,
         through: Callable[[Transport], Transport] = lambda transport: transport,
     ) -> None:
-        law = friction or friction_of(with_hidden(model, config.simulation.hide))
-        self.instruments = SimulatedInstruments(config, law, wrap=wrap)
+        finger, stray_f = with_hidden(model, config.simulation.hide), config.simulation.stray_capacitance_f
+        self.instruments = SimulatedInstruments(config, friction or friction_of(finger), wrap=wrap)
         self.amplifier = self.instruments.amplifier
+        self._electrode = electrode if friction else electrode_of(finger, stray_f)
+        self._config, self._monitors = config, electrode_monitors(config, self._electrode_state)
         transport = TcpTransport.from_resource(self.instruments.generator_server.resource)
         self._force = _SteppedForceSensor(self.instruments)
         lines = Wiring(enable=self.amplifier, voltage_monitor=self.amplifier)
@@ -50,6 +57,23 @@ class SimulatedRig:
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
         """Let `dt_s` pass with the finger pressing and sliding so; the rig's outputs act on it."""
         self.instruments.step(dt_s, normal_force_n, speed_m_s)
+
+    def read_electrode(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading | None:
+        """What the first monitor that tells this carrier reads now; None without one, or where nothing is known."""
+        i = self._config.electrode_monitor(frequency_hz)
+        if i is None or self._electrode_state() is None:
+            return None
+        return self._monitors[i].read(frequency_hz, voltage_v)
+
+    def _electrode_state(self) -> ElectrodeState | None:
+        if self._electrode is None:
+            return None
+        instruments, plant = self.instruments, self.instruments.plant
+        frequency_hz, voltage_v, *bias = instruments.stimulus()
+        told = () if tuple(bias) == SINE_WITHOUT_BIAS else bias
+        return self._electrode(
+            frequency_hz, voltage_v, plant.normal_force_n, instruments.speed_m_s, plant.time_s, *told
+        )
 
     def __enter__(self) -> Self:
         """Serve the instruments."""
@@ -62,6 +86,19 @@ class SimulatedRig:
         self.rig.close()
         self._force.box.close()
         self.instruments.close()
+
+
+def electrode_monitors(config: RigConfig, state: Callable[[], ElectrodeState | None]) -> list[ElectrodeMonitor]:
+    """The drivers of what reads the electrode, on the simulated amplifier's monitor lines."""
+    amplifier = config.amplifier
+    lines, noise_v = amplifier.monitor_lines(), (amplifier.voltage_monitor_noise_v, amplifier.current_monitor_noise_v)
+    simulated = SimulatedLines(state, lines, noise_v, config.simulation.seed)
+    monitors: list[ElectrodeMonitor] = []
+    for section in config.electrode_monitors:
+        assert isinstance(section, SimulatedElectrodeMonitorConfig)  # or the file would have been refused
+        inputs = SimulatedInputs(simulated, section.sample_rate_hz, section.range_v, section.resolution_v)
+        monitors.append(SampledMonitor(inputs, lines, section.sampling()))
+    return monitors
 
 
 class _SteppedForceSensor:

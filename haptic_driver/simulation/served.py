@@ -86,6 +86,7 @@ def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
     return config.model_copy(
         update={
             "simulated": False,
+            "electrode_monitors": [],
             "waveform_generator": config.waveform_generator.model_copy(update={"resource": generator}),
             "interlock": InterlockBox(kind="box", resource=endpoints["interlock"], reply_timeout_s=REPLY_S),
             "watchdog": WatchdogConfig(generator=generator, interlock=endpoints["interlock_tcp"]),

@@ -42,6 +42,14 @@ class SimulatedAmplifier:
         output = self._input
         return self._amplified_v(output.amplitude_v + abs(output.offset_v))
 
+    @property
+    def output(self) -> TerminalOutput:
+        """What is at the electrode now: the generator's output, amplified, and smaller where that would clip."""
+        peak_v = self._input.amplitude_v + abs(self._input.offset_v)
+        gain = self.voltage_v / peak_v if peak_v > 0.0 else 0.0
+        amplitude_v, offset_v = gain * self._input.amplitude_v, gain * self._input.offset_v
+        return self._input._replace(amplitude_v=amplitude_v, offset_v=offset_v, on=gain > 0.0)
+
     def drive(self, output: TerminalOutput) -> float:
         """Take the generator's output as input; return the peak voltage at the electrode."""
         with self._lock:

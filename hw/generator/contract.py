@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from hw import plugins
+from hw.generator.settings import Shape
 
 if TYPE_CHECKING:
     from hw.generator.settings import ExternalModulation, GeneratorSettings
@@ -71,6 +72,7 @@ class TerminalOutput(NamedTuple):
     amplitude_v: float
     offset_v: float
     on: bool
+    shape: Shape = Shape.SINE
 
 
 @dataclass(frozen=True)

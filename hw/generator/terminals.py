@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hw.generator.contract import GeneratorLatency, Listener, TerminalOutput
+from hw.generator.settings import Shape
 
 _MODULATION_FULL_SCALE_V = 5.0
 
@@ -93,7 +94,7 @@ class Terminals:
             return TerminalOutput(signal.frequency_hz, 0.0, 0.0, False)
         half_v = 0.0 if signal.silent else 0.5 * signal.emf_vpp * self._envelope(signal)
         high_v, low_v = (min(max(signal.emf_offset_v + v, -self._peak_v), self._peak_v) for v in (half_v, -half_v))
-        return TerminalOutput(signal.frequency_hz, 0.5 * (high_v - low_v), 0.5 * (high_v + low_v), True)
+        return TerminalOutput(signal.frequency_hz, 0.5 * (high_v - low_v), 0.5 * (high_v + low_v), True, _shape(signal))
 
     def _envelope(self, signal: Signal) -> float:
         """Share of the programmed amplitude that is there now."""
@@ -113,3 +114,10 @@ class Terminals:
         if self._listener is not None and now != self._seen:
             self._listener(now)
         self._seen = now
+
+
+def _shape(signal: Signal) -> Shape:
+    """What goes out, by the function's name; what is neither square nor direct counts as a sine."""
+    if signal.silent or signal.function == "DC":
+        return Shape.DC
+    return Shape.SQUARE if signal.function.startswith("SQU") else Shape.SINE

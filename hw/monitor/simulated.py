@@ -30,14 +30,14 @@ class SimulatedLines:
     """
 
     def __init__(
-        self, state: Callable[[], ElectrodeState], lines: MonitorLines, noise_v: tuple[float, float], seed: int
+        self, state: Callable[[], ElectrodeState | None], lines: MonitorLines, noise_v: tuple[float, float], seed: int
     ) -> None:
         self._state, self._lines, self._noise_v = state, lines, noise_v
         self._random = np.random.default_rng(seed)
 
     def signals_v(self, time_s: Array, start_phase_rad: float | None = None) -> Array:
         """Voltage monitor, current monitor, generator (1 V) at times [n] -> [n, 3], V."""
-        state = self._state()
+        state = self._state() or ElectrodeState(0.0, 0.0, 0.0)
         start = self._random.uniform(0.0, 2.0 * pi) if start_phase_rad is None else start_phase_rad
         turns = np.exp(1j * (2.0 * pi * state.frequency_hz * time_s + start))
         orders = ((state.voltage_v, state.current_a), (0.0, state.second_a), (0.0, state.third_a))

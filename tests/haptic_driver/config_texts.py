@@ -34,8 +34,12 @@ def changed(text, *changes):
 
 def as_real_rig(resource):
     """The simulated rig's file with a generator at a resource; a real rig's other devices are still to be added."""
+    monitors = SIMULATED[SIMULATED.index("[[electrode_monitors]]") : SIMULATED.index("[output]")]
     return changed(
-        SIMULATED, ("simulated = true", "simulated = false"), ('resource = "simulated"', f'resource = "{resource}"')
+        SIMULATED,
+        (monitors, ""),
+        ("simulated = true", "simulated = false"),
+        ('resource = "simulated"', f'resource = "{resource}"'),
     )
 
 

@@ -18,6 +18,7 @@ from haptic_driver.experiments.bench import SimulatedBench
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.errors import DeviceTimeout
 from hw.force.sensor import ForceReading
+from tests.haptic_driver.config_texts import as_real_rig
 
 PLAN = """
 name = "short"
@@ -81,9 +82,7 @@ def test_overwriting_needs_force_and_resuming_changes_nothing_when_done(
 
 
 def test_a_rig_whose_finger_nothing_slides_is_refused(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
-    shipped = Path(__file__).parents[3] / "configs" / "rigs" / "simulated.toml"
-    real = shipped.read_text().replace("simulated = true", "simulated = false")
-    Path("real.toml").write_text(real.replace('resource = "simulated"', 'resource = "TCPIP::127.0.0.1::1::SOCKET"'))
+    Path("real.toml").write_text(as_real_rig("TCPIP::127.0.0.1::1::SOCKET"))
     assert main(["measure", "--rig", "real.toml", "--plan", plan, "--out", "data.csv", "--yes"]) == 2
     assert "has no stage" in " ".join(capsys.readouterr().err.split())
     assert not Path("data.csv").exists()

@@ -76,7 +76,8 @@ def test_data_have_the_contracts_columns_and_units(config: RigConfig, model: Tou
     assert tuple(rows[0]) == COLUMNS
     assert len(rows) == len(experiment.rows) == 2 * (8 + 3)
     for row, expected in zip(rows, experiment.rows, strict=True):
-        assert tuple(float(row[c]) for c in expected.setting._fields) == expected.setting
+        assert tuple(float(row[c]) for c in expected.setting._fields[:5]) == expected.setting[:5]
+        assert (row["waveform"], row["finger"]) == ("sine", "sliding")
         assert (int(row["session"]), int(row["trial"]), row["simulated"]) == (expected.session, expected.trial, "true")
         assert 0.4 < float(row["cof"]) < 0.8
         assert 0.003 < float(row["cof_std"]) / float(row["cof"]) < 0.04

@@ -165,7 +165,34 @@ def test_a_simulated_rig_has_no_real_devices(tmp_path):
 @pytest.mark.parametrize("monitor", ["voltage_monitor", "current_monitor"])
 def test_one_monitor_on_a_card_is_enough_to_limit_the_carrier(tmp_path, monitor):
     other = "current" if monitor == "voltage_monitor" else "voltage"
-    without = [(f'{other}_monitor = "Dev1/ai{6 if other == "voltage" else 7}"', ""), ("[10.0, 8e3] ", "[10.0, 10e3] ")]
+    electrode = TEMPLATE[TEMPLATE.index("[[electrode_monitors]]") : TEMPLATE.index("[interlock]")]
+    without = [
+        (electrode, ""),
+        (f'{other}_monitor = "Dev1/ai{6 if other == "voltage" else 7}"', ""),
+        ("[10.0, 8e3] ", "[10.0, 10e3] "),
+    ]
     assert "monitors" in refused(rig_file(tmp_path, *without)).message
     neither = [*without, (f'{monitor} = "Dev1/ai{7 if other == "voltage" else 6}"', "")]
     assert load_rig(rig_file(tmp_path, *neither)).limits.frequency_hz == [10.0, 10e3]
+
+
+def test_the_electrodes_monitor_on_a_card_needs_both_lines(tmp_path):
+    error = refused(rig_file(tmp_path, ('current_monitor = "Dev1/ai7"', "")))
+    assert "name both, and the card" in error.message
+
+
+def test_the_first_monitor_that_tells_a_carrier_reads_it():
+    rig = load_rig("simulated")
+    told = {0.4: None, 0.5: 0, 8e3: 0, 8.1e3: 1, 2e6: 1, 2.1e6: None}
+    assert {f: rig.electrode_monitor(f) for f in told} == told
+    card = load_rig("template")
+    assert [card.electrode_monitor(f) for f in (0.4, 0.5, 8e3, 8.1e3)] == [None, 0, 0, None]
+
+
+def test_a_faster_monitor_widens_what_may_be_swept_and_nothing_else(tmp_path):
+    scope = '[[electrode_monitors]]\nkind = "infiniivision"\nresource = "TCPIP::192.168.0.7::5025::SOCKET"\n'
+    path = rig_file(tmp_path, ("[10.0, 8e3] ", "[10.0, 1e6] "), ("[interlock] ", scope + "[interlock] "))
+    rig = load_rig(path)
+    assert rig.operating_limits().frequency_high_hz == 8e3
+    assert rig.sweep_limits().frequency_high_hz == 1e6
+    assert (rig.electrode_monitor(8e3), rig.electrode_monitor(1e6)) == (0, 1)

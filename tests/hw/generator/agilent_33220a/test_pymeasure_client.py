@@ -94,4 +94,4 @@ def test_what_the_client_sets_is_at_the_terminals(client: Any, simulated: Simula
     client.output = True
     assert client.output is True
     # pymeasure has no OUTP:LOAD, so the reset value of 50 ohm stands: 1 Vpp is 2 Vpp open, 1 V peak.
-    assert simulated.output() == (250.0, pytest.approx(1.0), 0.0, True)
+    assert simulated.output()[:4] == (250.0, pytest.approx(1.0), 0.0, True)

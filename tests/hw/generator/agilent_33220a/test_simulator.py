@@ -57,7 +57,7 @@ def test_load_rescales_what_is_shown_and_not_what_is_there(bench: Bench) -> None
 
 def test_nothing_is_at_the_terminals_while_the_output_is_off(bench: Bench) -> None:
     bench("VOLT 5;:VOLT:OFFS 1")
-    assert bench.generator.output() == (1e3, 0.0, 0.0, False)
+    assert bench.generator.output()[:4] == (1e3, 0.0, 0.0, False)
 
 
 def test_apply_turns_the_output_on(bench: Bench) -> None:
@@ -127,7 +127,7 @@ def test_errors_keep_the_output_as_it_was(bench: Bench) -> None:
 def test_settings_reach_the_terminals_after_their_latency() -> None:
     bench = Bench(GeneratorLatency(amplitude_s=0.030, frequency_s=0.003, function_s=0.1, output_s=0.0))
     bench("OUTP:LOAD INF;:OUTP 1")
-    assert bench.generator.output() == (1e3, pytest.approx(0.1), 0.0, True)
+    assert bench.generator.output()[:4] == (1e3, pytest.approx(0.1), 0.0, True)
     bench("VOLT 2")
     bench.generator.advance(0.029)
     assert bench.generator.output().amplitude_v == pytest.approx(0.1)
@@ -145,7 +145,7 @@ def test_settings_arrive_in_order_but_off_does_not_wait() -> None:
     bench = Bench(GeneratorLatency(amplitude_s=0.030, frequency_s=0.003, function_s=0.1, output_s=0.0))
     bench("VOLT 2;:FREQ 250;:OUTP 1")
     bench.generator.advance(0.010)
-    assert bench.generator.output() == (1e3, 0.0, 0.0, False)  # on comes after the amplitude
+    assert bench.generator.output()[:4] == (1e3, 0.0, 0.0, False)  # on comes after the amplitude
     bench("OUTP 0;:OUTP 1")
     bench("OUTP 0")
     bench.generator.advance(1.0)

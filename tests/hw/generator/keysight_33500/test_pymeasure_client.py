@@ -80,7 +80,7 @@ def test_what_the_client_sets_is_at_the_terminals(client: Any, simulated: Simula
     client.ch_1.amplitude = 1.0
     client.ch_1.output = True
     assert client.ch_1.output is True
-    assert simulated.output() == (250.0, pytest.approx(0.5), 0.0, True)
+    assert simulated.output()[:4] == (250.0, pytest.approx(0.5), 0.0, True)
 
 
 def test_the_instrument_itself_refuses_what_is_beyond_the_rigs_limit(
