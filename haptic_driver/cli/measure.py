@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
-import inspect
+import datetime
 import sys
 from collections.abc import Callable
 from math import ceil
@@ -30,18 +28,18 @@ from haptic_driver.config import parse, read_toml
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.bench import SimulatedBench
 from haptic_driver.experiments.check import told
-from haptic_driver.experiments.data_file import DataFile
+from haptic_driver.experiments.data_file import DataFile, note
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.run import Experiment, prepare, run
+from haptic_driver.experiments.spectra import Stray, mark_spectra
 from haptic_driver.experiments.stage_bench import StageBench
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.states import RigState
-from haptic_driver.simulation.friction import FrictionLaw, with_hidden
+from haptic_driver.simulation.finger_function import FingerFunction, load_finger
+from haptic_driver.simulation.friction import with_hidden
 from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel
-
-GIVEN = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "time_s")  # what a --hide-function takes
 
 
 def measure(
@@ -54,40 +52,41 @@ def measure(
     strict: Annotated[bool, Option("--strict", help="Refused points are an error, not skipped.")] = False,
     seed: Annotated[int | None, Option(min=0, help="Order and noise; the plan's own if left out.")] = None,
     hide: Annotated[Path | None, Option(help="TOML: effects that the simulated finger has.")] = None,
-    hide_function: Annotated[str | None, Option(help="module:function, the simulated finger's whole friction.")] = None,
+    finger: Annotated[str | None, Option(help="module:function, all that the simulated finger does.")] = None,
     yes: Annotated[bool, Option("--yes", help="A real rig begins without asking; somebody is there.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Measure friction over a plan's frequencies, voltages, loads and speeds.
+    """Measure friction, and the electrode's voltage and current, over a plan's settings.
 
     Points outside the rig's limits, with the finger currents that the model predicts, are listed first and never
     energised. Every row is on the disk before the next begins. On a real rig the stage slides once per row, and waits
     for the finger to press as the plan says. A simulated finger may be given effects that the model does not know, as
-    `[series_resistance] resistance_ohm = 2e4` in a file, or as any function `(frequency_hz, voltage_v, normal_force_n,
-    speed_m_s, time_s) -> lateral force in N`; the data do not say which.
+    `[series_resistance] resistance_ohm = 2e4` in a file, or be any function of arrays `(frequency_hz, voltage_v,
+    normal_force_n, speed_m_s, time_s)` that returns the lateral force in N, or `(lateral_force_n, current_a,
+    electrode_voltage_v)` with complex peak phasors against the set voltage; the data do not say which.
 
     Example: `haptic measure --rig simulated --plan paper --out data.csv`
     """
     config = load_rig(rig)
-    if not config.simulated and (hide is not None or hide_function is not None):
+    if not config.simulated and (hide is not None or finger is not None):
         raise BadInputError("usage", f"rig {config.name} is real: nothing can be hidden in its finger", "Leave it out")
     if resume and force:
         raise BadInputError("usage", "--resume and --force contradict each other", "Give one of them")
-    if hide is not None and hide_function is not None:
-        raise BadInputError("usage", "--hide and --hide-function both say what friction is", "Give one of them")
+    if hide is not None and finger is not None:
+        raise BadInputError("usage", "--hide and --finger both say what the finger does", "Give one of them")
     if hide is not None:
         config = _hiding(config, hide)
-    law, source = (None, "") if hide_function is None else _function(hide_function)
+    function = None if finger is None else load_finger(finger)
     touch = TouchModel(load_model(model))
     with_hidden(touch, config.simulation.hide)  # refused before anything is written
     experiment = prepare(config, touch, load_plan(plan), seed)
     _tell_refused(experiment, strict)
     _ask(experiment, yes)
-    identity = experiment.identity(source)
+    identity = experiment.identity(function.source if function else "")
     opened = DataFile.resume(out, identity, experiment.rows) if resume else DataFile.create(out, identity, force=force)
     total = len(experiment.rows)
     with opened as data, progress("measuring", total) as advance:
-        bench = _bench(experiment, data.done, law, advance.tell)
+        bench = _bench(experiment, data.done, function, advance.tell)
         try:
             with bench:
                 off = run(experiment, bench, data, advance, advance.tell)
@@ -96,10 +95,11 @@ def measure(
             output = "the output is off" if is_off else "the output MAY STILL BE ON: switch the amplifier off by hand"
             said = f"interrupted; {data.done} of {total} rows are in {out}, {output}"
             raise HapticError("interrupted", said, "Continue with --resume") from stop
-    report(as_json, _payload(experiment, data.done, out), lambda: _show(experiment, out, off))
+    stray = _check_spectra(experiment, out)
+    report(as_json, _payload(experiment, data.done, out, stray), lambda: _show(experiment, out, off, stray))
 
 
-def _payload(experiment: Experiment, rows: int, out: Path) -> dict[str, Any]:
+def _payload(experiment: Experiment, rows: int, out: Path, stray: Stray | None) -> dict[str, Any]:
     return {
         "rows": rows,
         "skipped": experiment.skipped,
@@ -107,16 +107,20 @@ def _payload(experiment: Experiment, rows: int, out: Path) -> dict[str, Any]:
         "plan": experiment.plan.name,
         "simulated": experiment.config.simulated,
         "duration_s": experiment.duration_s,
+        "stray_capacitance": None if stray is None else stray._asdict(),
         "refused": [{**refusal.setting._asdict(), "reason": refusal.reason} for refusal in experiment.refusals],
     }
 
 
 def _bench(
-    experiment: Experiment, done: int, law: FrictionLaw | None, tell: Callable[[str], None]
+    experiment: Experiment, done: int, finger: FingerFunction | None, tell: Callable[[str], None]
 ) -> SimulatedBench | StageBench:
     config, plan = experiment.config, experiment.plan
     if config.simulated:
-        return SimulatedBench(config, experiment.model, seed=experiment.seed, first_row=done, friction=law)
+        friction, electrode = (None, None) if finger is None else (finger.friction, finger.electrode)
+        return SimulatedBench(
+            config, experiment.model, seed=experiment.seed, first_row=done, friction=friction, electrode=electrode
+        )
     return StageBench(config, plan, tell)
 
 
@@ -149,38 +153,17 @@ def _hiding(config: RigConfig, path: Path) -> RigConfig:
     return config.model_copy(update={"simulation": parse(type(simulation), both, str(path))})
 
 
-def _function(name: str) -> tuple[FrictionLaw, str]:
-    """A friction function by `module:function` or `file.py:function`, and its source."""
-    module_name, _, function_name = name.rpartition(":")
-    hint = "Give module:function or file.py:function"
-    try:
-        if module_name.endswith(".py"):
-            spec = importlib.util.spec_from_file_location(Path(module_name).stem, module_name)
-            if spec is None or spec.loader is None:
-                raise ImportError(module_name)
-            module = importlib.util.module_from_spec(spec)
-            spec.loader.exec_module(module)
-        else:
-            sys.path.insert(0, "")
-            try:
-                module = importlib.import_module(module_name)
-            finally:
-                sys.path.remove("")
-        function = getattr(module, function_name)
-        source = inspect.getsource(module)
-    except Exception as error:
-        raise BadInputError("bad_function", f"--hide-function {name}: cannot be loaded ({error!r})", hint) from error
-    if not callable(function):
-        raise BadInputError("bad_function", f"--hide-function {name}: is not a function", hint)
-
-    def law(frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float, time_s: float) -> float:
-        try:
-            return float(function(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s))
-        except Exception as error:
-            said = f"--hide-function {name}: raised {error!r}"
-            raise HapticError("function_failed", said, f"It is called with {', '.join(GIVEN)}") from error
-
-    return law, source
+def _check_spectra(experiment: Experiment, out: Path) -> Stray | None:
+    """Marks what contradicts Kramers and Kronig, says so, and keeps the stray capacitance beside the data."""
+    if not any(row.setting.sweep for row in experiment.rows):
+        return None
+    failed, stray = mark_spectra(out, datetime.date.today())
+    if failed:
+        said = f"{failed} rows of sweeps contradict Kramers and Kronig: something changed while they were measured"
+        stderr.print(f"warning: {said}; they are marked in the column kramers_kronig")
+    if stray is not None:
+        note(out, {"stray_capacitance": stray._asdict()})
+    return stray
 
 
 def _tell_refused(experiment: Experiment, strict: bool) -> None:
@@ -195,7 +178,7 @@ def _tell_refused(experiment: Experiment, strict: bool) -> None:
     stderr.print(f"warning: {said}; {experiment.skipped} rows are skipped")
 
 
-def _show(experiment: Experiment, out: Path, off: OffEvidence) -> None:
+def _show(experiment: Experiment, out: Path, off: OffEvidence, stray: Stray | None) -> None:
     measured = f"{len(experiment.rows)} rows of plan '{experiment.plan.name}' on "
     if experiment.config.simulated:
         minutes = f" rig -> {out} ({experiment.duration_s / 60:.1f} min of simulated time)"
@@ -204,4 +187,10 @@ def _show(experiment: Experiment, out: Path, off: OffEvidence) -> None:
         stdout.print(f"{measured}rig {experiment.config.name} -> {out}")
     if experiment.skipped:
         stdout.print(f"{experiment.skipped} rows skipped: outside the rig's limits")
+    if stray is not None:
+        value, source = (
+            f"value = {stray.capacitance_f:.6g}, std = {stray.std_f:.2g}",
+            f"open circuit, {stray.measured_at}",
+        )
+        stdout.print(f'for the model\'s file: stray_capacitance_f = {{ {value}, source = "{source}" }}', markup=False)
     stdout.print(f"output at the end: {off}")

@@ -14,7 +14,7 @@ import numpy as np
 from haptic_driver.experiments.plan import Row
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.rig import Rig
-from haptic_driver.simulation.friction import FrictionLaw
+from haptic_driver.simulation.friction import ElectrodeLaw, FrictionLaw
 from haptic_driver.simulation.rig import SimulatedRig
 from hw.force.sensor import ForceReading
 from hw.monitor.contract import ElectrodeReading
@@ -67,7 +67,7 @@ class Scatter:
 class SimulatedBench:
     """A simulated rig and finger; `seed` and the number of the session and row decide how friction varies.
 
-    `friction` stands in for the model's, see `SimulatedRig`. `first_row` is where the measurement begins.
+    `friction` and `electrode` stand in for the model's, see `SimulatedRig`. `first_row` is where measuring begins.
     """
 
     def __init__(
@@ -79,12 +79,14 @@ class SimulatedBench:
         first_row: int = 0,
         scatter: Scatter | None = None,
         friction: FrictionLaw | None = None,
+        electrode: ElectrodeLaw | None = None,
     ) -> None:
         self._seed = (config.simulation.seed % 2**32, seed)
         self._scatter = scatter or Scatter()
         noise_seed = int(np.random.default_rng([*self._seed, first_row]).integers(2**31))
         simulation = config.simulation.model_copy(update={"seed": noise_seed})
-        self.simulated = SimulatedRig(config.model_copy(update={"simulation": simulation}), model, friction=friction)
+        config = config.model_copy(update={"simulation": simulation})
+        self.simulated = SimulatedRig(config, model, friction=friction, electrode=electrode)
         self._time_s = 0.0
         self._session_gain = 1.0
         self._wobble = 0.0

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import floor, log10
+from math import floor, log10, pi
 from typing import NamedTuple
 
 import numpy as np
 
 from haptic_driver.experiments.plan import Plan, Setting
 from haptic_driver.experiments.stroke import beyond_stage
+from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.safety import violation
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import MONITOR_QUIET_V
 from haptic_driver.signals import OperatingPoint
+from hw.generator.settings import Shape
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 
 MOST_OF_LIMIT = 0.99  # of what the limits allow, so that rounding does not exceed them
+MOST_HARMONICS = 200  # of a square wave
 COMING_N = 0.5  # the load of a finger that touches where none should be
 
 
@@ -63,13 +66,16 @@ def check(
     for i, setting in enumerate(settings):
         cof = float(answer.cof[i])
         currents = float(answer.current_rms_a[i]), float(answer.stuck_current_rms_a[i])
-        point = OperatingPoint(setting.frequency_hz, setting.voltage_v, cof, *currents, True, cof, cof)
+        frequency_hz = setting.frequency_hz or config.limits.frequency_hz[0]  # of a direct voltage: the strictest
+        point = OperatingPoint(frequency_hz, setting.peak_v, cof, *currents, True, cof, cof)
         reason = (
             _beyond_generator(setting, config)
+            or _beyond_direct(setting, config)
             or _beyond_monitors(setting, config)
             or beyond_stage(setting, plan, config)
             or (None if np.isfinite(cof) else "the model predicts that the contact pulls in")
             or violation(limits, point)
+            or _beyond_harmonics(setting, limits, model)
         )
         if reason is None:
             points[setting] = point
@@ -122,11 +128,38 @@ def _beyond_monitors(setting: Setting, config: RigConfig) -> str | None:
     return None
 
 
+def _beyond_direct(setting: Setting, config: RigConfig) -> str | None:
+    allowed_v = config.limits.direct_voltage_v
+    direct_v = abs(setting.voltage_offset_v) + (setting.voltage_v if setting.waveform == "dc" else 0.0)
+    if setting.voltage_offset_v and (setting.voltage_v == 0.0 or setting.waveform == "dc"):
+        return "a direct voltage alone is waveform dc, with its voltage_v and no voltage_offset_v"
+    if direct_v > allowed_v:
+        return f"a direct voltage of {direct_v:g} V exceeds limits.direct_voltage_v, {allowed_v:g} V"
+    return None
+
+
+def _beyond_harmonics(setting: Setting, limits: OperatingLimits, model: TouchModel) -> str | None:
+    """A square wave's harmonics: the shares that each takes of its own limit of current must not exceed 1 together."""
+    if setting.waveform != "square":
+        return None
+    order = np.arange(1.0, MOST_HARMONICS, 2.0)
+    frequency_hz, voltage_v = order * setting.frequency_hz, 4.0 / (pi * order) * setting.voltage_v
+    sine = setting._replace(waveform="sine")
+    harmonics = [sine._replace(frequency_hz=f, voltage_v=v) for f, v in zip(frequency_hz, voltage_v, strict=True)]
+    worst_a = model.predict(_conditions(harmonics)).stuck_current_rms_a
+    share = float(np.sum(worst_a / limits.contact_current_limit_a_rms(frequency_hz)))
+    return None if share <= 1.0 else f"the square wave's harmonics take {share:.3g} times the worst-case finger current"
+
+
 def _beyond_generator(setting: Setting, config: RigConfig) -> str | None:
     kind = config.generator_kind()
+    needed = Shape.DC if setting.voltage_offset_v else Shape(setting.waveform)
+    if needed not in kind.shapes:
+        what = "bias" if setting.voltage_offset_v else f"waveform {setting.waveform}"
+        return f"the generator, {config.waveform_generator.model}, makes no {what}"
     low_v, high_v = (
         0.5 * vpp * config.amplifier.gain_v_per_v for vpp in (kind.amplitude_low_vpp, kind.amplitude_high_vpp)
     )
-    if setting.voltage_v == 0.0 or low_v <= setting.voltage_v <= high_v:
+    if not setting.driven or low_v <= setting.voltage_v <= setting.peak_v <= high_v:
         return None
-    return f"{setting.voltage_v:g} V is outside {low_v:g}..{high_v:g} V, what the generator can make"
+    return f"{setting.peak_v:g} V is outside {low_v:g}..{high_v:g} V, what the generator can make"

@@ -146,6 +146,13 @@ def meta_path(path: Path) -> Path:
     return path.with_name(f"{path.name}.meta.json")
 
 
+def note(path: Path, said: dict[str, Any]) -> None:
+    """Say more in the sidecar of a data file, such as a calibration that came with it."""
+    with writing(meta_path(path)):
+        found = json.loads(meta_path(path).read_text(encoding="utf-8"))
+        _write_whole(meta_path(path), json.dumps(found | said, indent=1) + "\n")
+
+
 def _setting_texts(row: Row) -> list[str]:
     setting = row.setting
     told = (getattr(setting, name) for name in SETTING_COLUMNS[:-2])

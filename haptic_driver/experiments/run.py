@@ -25,6 +25,7 @@ from haptic_driver.rig.rig import Rig, require_verified
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import Array, OperatingPoint
 from hw.errors import DeviceError
+from hw.generator.settings import Shape
 from hw.monitor.contract import ElectrodeReading
 from model.touch_model import TouchModel
 
@@ -96,7 +97,7 @@ def prepare(config: RigConfig, model: TouchModel, plan: Plan, seed: int | None =
         raise BadInputError("all_refused", said, "Choose other points, or another rig")
     seed = plan.seed if seed is None else seed
     rows = tuple(plan.rows(permitted, seed))
-    limits = config.operating_limits()
+    limits = config.sweep_limits()
     return Experiment(plan, config, model, seed, rows, points | without, tuple(refusals), limits)
 
 
@@ -217,15 +218,19 @@ def _bring_up(experiment: Experiment, bench: Bench, setting: Setting) -> None:
     """The finger slides, then the voltage rises at the rig's rate, one set point at a time, past the last gate."""
     output = experiment.config.output
     settings = drive.DriveSettings(output.voltage_rise_v_per_s)
-    _, safe = safety.gate(experiment.limits, safety.INITIAL, experiment.points[setting])
+    point = experiment.points[setting]
+    _, safe = safety.gate(experiment.limits, safety.INITIAL, point)
     if safe.rejection is not None:
         raise HapticError("refused", f"the safety gate refuses {setting}: {safe.rejection}", "Check the rig's limits")
     rig: Rig = bench.rig
+    if not setting.driven:
+        return
+    safe = safe._replace(voltage_v=setting.voltage_v)  # the point's is the peak
     state = drive.INITIAL
     while state.voltage_v < safe.voltage_v:
         bench.step(output.setpoint_interval_s, setting.normal_force_n, setting.speed_m_s)
         state, command = drive.drive(settings, state, safe, bench.time_s)
-        rig.command(bench.time_s, command)
+        rig.command(bench.time_s, command, setting.voltage_offset_v, Shape(setting.waveform))
 
 
 def _session_time_s(experiment: Experiment, data: DataFile, session: int) -> float:

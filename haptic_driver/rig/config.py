@@ -71,7 +71,7 @@ else:  # whatever is installed
 
 
 class LimitsConfig(Vouched):
-    """What the rig allows at the electrode; see `OperatingLimits`."""
+    """What the rig allows at the electrode; see `OperatingLimits`. `direct_voltage_v`: steady, bias included."""
 
     voltage_v: Annotated[FiniteFloat, Field(gt=0.0, le=1000.0)]
     frequency_hz: Annotated[
@@ -80,6 +80,7 @@ class LimitsConfig(Vouched):
     contact_current_a_rms: Annotated[
         list[Annotated[list[Positive], Field(min_length=2, max_length=2)]], Field(min_length=1)
     ] = Field(default=[list(point) for point in ICNIRP_PUBLIC_A_RMS])
+    direct_voltage_v: NotNegative = 0.0
     series_resistance_ohm: NotNegative = 0.0
     panel_capacitance_f: Annotated[FiniteFloat, Field(ge=0.0, le=1e-3)] = 0.0
 

@@ -23,6 +23,7 @@ from hw.analog.lines import Heartbeat
 from hw.errors import DeviceError, LimitExceeded
 from hw.force.sensor import ForceReading, ForceSensor
 from hw.generator.contract import Generator
+from hw.generator.settings import Shape
 
 ROUNDING = 1.0 + 1e-6
 
@@ -107,10 +108,13 @@ class Rig:
         if evidence.output_on is not False:
             raise HapticError("not_off", f"connected, but {evidence}", "find what drives the electrode")
 
-    def command(self, time_s: float, command: DriveCommand) -> None:
+    def command(
+        self, time_s: float, command: DriveCommand, voltage_offset_v: float = 0.0, shape: Shape = Shape.SINE
+    ) -> None:
         """Bring `command` to the electrode, now or with the next set points; refreshes the lease.
 
-        Raises HapticError: a device failed, a limit is exceeded, the rig is tripped, or it cannot be shown to be off.
+        A bias rises with the amplitude; for Shape.DC the amplitude is the direct voltage. Raises HapticError: a device
+        failed, a limit is exceeded, the rig is tripped, or it cannot be shown to be off.
         """
         self._states.now_s = time_s
         if not command.output_on or command.voltage_v < self._generator.minimum_voltage_v:
@@ -123,12 +127,12 @@ class Rig:
             )
         require_verified(self._config)
         with self._safe():
-            self._check_limits(command)
+            self._check_limits(command, voltage_offset_v, shape)
             self._lapse(time_s)
             with self._switch.energising():
                 self._refresh(time_s)
                 if not self._switch.may_be_on or self._due(time_s):
-                    self._write(time_s, command)
+                    self._write(time_s, command, voltage_offset_v, shape)
 
     def hold(self, time_s: float) -> None:
         """The caller is alive and wants the output as it is: refreshes the lease, beats, and does what `watch` does."""
@@ -176,9 +180,16 @@ class Rig:
 
     # --- on --------------------------------------------------------------------------------------------------------
 
-    def _check_limits(self, command: DriveCommand) -> None:
-        """The rig's own limits for what was asked, before any ramp makes less of it."""
-        limits, frequency_hz, voltage_v = self._config.limits, command.frequency_hz, command.voltage_v
+    def _check_limits(self, command: DriveCommand, voltage_offset_v: float, shape: Shape) -> None:
+        """The rig's own limits for what was asked, before any ramp makes less of it; all are judged by the peak."""
+        limits, frequency_hz = self._config.limits, command.frequency_hz
+        direct_v = abs(voltage_offset_v) + (command.voltage_v if shape is Shape.DC else 0.0)
+        if direct_v > limits.direct_voltage_v:
+            raise LimitExceeded(
+                f"rig: a direct voltage of {direct_v:g} V is beyond {limits.direct_voltage_v:g} V",
+                "measure what the electrode and a finger bear, and write it down as limits.direct_voltage_v",
+            )
+        voltage_v = command.voltage_v + abs(voltage_offset_v)
         low_hz, high_hz = limits.frequency_hz
         if not (low_hz <= frequency_hz <= high_hz and voltage_v <= limits.voltage_v):
             raise LimitExceeded(
@@ -199,7 +210,7 @@ class Rig:
         written = self._written
         return written is None or not 0.0 <= time_s - written.time_s < self._interval_s / ROUNDING
 
-    def _write(self, time_s: float, command: DriveCommand) -> None:
+    def _write(self, time_s: float, command: DriveCommand, voltage_offset_v: float, shape: Shape) -> None:
         """One set point, a bounded step up from the last or from the minimum."""
         if self._switch.may_be_on:
             self._switch.check(time_s)
@@ -208,7 +219,8 @@ class Rig:
             self._switch.on(command.frequency_hz)
         before_v = self._generator.minimum_voltage_v if self._written is None else self._written.voltage_v
         voltage_v = min(command.voltage_v, before_v + self._step_v)
-        self._switch.set_point(command.frequency_hz, voltage_v)
+        offset_v = voltage_offset_v * voltage_v / command.voltage_v
+        self._switch.set_point(command.frequency_hz, voltage_v, offset_v, shape)
         self._written = _SetPoint(time_s, voltage_v)
 
     def _refresh(self, time_s: float) -> None:

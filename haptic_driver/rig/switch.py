@@ -19,7 +19,7 @@ from hw.amplifier.analog import AmplifierState, AnalogAmplifier
 from hw.analog.lines import Heartbeat
 from hw.errors import BadReply
 from hw.generator.contract import Generator
-from hw.generator.settings import ExternalModulation
+from hw.generator.settings import ExternalModulation, Shape
 
 
 class OutputSwitch:
@@ -88,11 +88,16 @@ class OutputSwitch:
             )
         self.states.happens(Happening.CAME_ON, f"commanded, {frequency_hz:g} Hz")
 
-    def set_point(self, frequency_hz: float, voltage_v: float) -> None:
+    def set_point(
+        self, frequency_hz: float, voltage_v: float, voltage_offset_v: float = 0.0, shape: Shape = Shape.SINE
+    ) -> None:
         """Tell the generator."""
         self._permit.check()
-        self._voltage.commanded(voltage_v)
-        self._generator.set_point(frequency_hz, voltage_v, modulation=self._modulation)
+        self._voltage.commanded(voltage_v + abs(voltage_offset_v))
+        if (voltage_offset_v, shape) == (0.0, Shape.SINE):
+            self._generator.set_point(frequency_hz, voltage_v, modulation=self._modulation)
+        else:
+            self._generator.set_point(frequency_hz, voltage_v, voltage_offset_v, shape=shape)
         self._permit.check()
 
     def check(self, time_s: float) -> None:

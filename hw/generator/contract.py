@@ -49,8 +49,19 @@ class Generator(Protocol):
     def connect(self) -> None:
         """Open, reset, and set up a sine of minimum amplitude with the output off, all of it read back."""
 
-    def set_point(self, frequency_hz: float, voltage_v: float, *, modulation: ExternalModulation | None = None) -> None:
-        """Set a sine and read it back; LimitExceeded, with nothing sent, for what `settings` does not allow."""
+    def set_point(
+        self,
+        frequency_hz: float,
+        voltage_v: float,
+        voltage_offset_v: float = 0.0,
+        *,
+        shape: Shape = Shape.SINE,
+        modulation: ExternalModulation | None = None,
+    ) -> None:
+        """Set what goes out and read it back; LimitExceeded, with nothing sent, for what `settings` does not allow.
+
+        For Shape.DC `voltage_v` is the voltage itself. A kind without other `shapes` makes sines without offset.
+        """
 
     def set_output(self, on: bool) -> None:
         """Switch the output and read it back."""
@@ -125,7 +136,8 @@ class GeneratorKind:
     """One kind of generator: driver, simulator, and what the watchdog says to it over a connection of its own.
 
     `switch_off` answers nothing; the answer to `ask_off` matches `off_answers`, whose group `off` tells off from on.
-    Amplitudes are into an open circuit. `limits_itself`: the driver sets a voltage limit of the instrument's own.
+    Amplitudes are into an open circuit. `limits_itself`: the driver sets a voltage limit of the instrument's own. One
+    whose `shapes` hold direct voltages makes offsets too.
     """
 
     make: Callable[[Transport, GeneratorSettings], Generator]
@@ -137,6 +149,7 @@ class GeneratorKind:
     off_answers: re.Pattern[bytes] = re.compile(rb"(?P<off>0)|1")
     external_modulation: bool = False
     limits_itself: bool = False
+    shapes: frozenset[Shape] = frozenset({Shape.SINE})
 
 
 def generator_kind(name: str) -> GeneratorKind:

@@ -21,4 +21,5 @@ KIND = GeneratorKind(
     amplitude_low_vpp=Agilent33220A.amplitude_low_vpp,
     amplitude_high_vpp=Agilent33220A.amplitude_high_vpp,
     external_modulation=Agilent33220A.external_modulation,
+    shapes=Agilent33220A.shapes,
 )

@@ -21,5 +21,6 @@ KIND = GeneratorKind(
     amplitude_low_vpp=Keysight33500.amplitude_low_vpp,
     amplitude_high_vpp=Keysight33500.amplitude_high_vpp,
     external_modulation=Keysight33500.external_modulation,
+    shapes=Keysight33500.shapes,
     limits_itself=Keysight33500.limits_itself,
 )

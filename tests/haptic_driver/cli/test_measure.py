@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import datetime
 import json
 import os
 import signal
@@ -11,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from haptic_driver.cli.main import main
@@ -112,12 +114,94 @@ def test_a_function_outside_the_catalogue(plan: str, capsys: pytest.CaptureFixtu
     Path("stranger.py").write_text("def friction(f, v, load, speed, time):\n    return 2.0 * load\n")
     command = ["measure", "--plan", plan, "--out", "data.csv", "--force"]
     for name in ("stranger:friction", "stranger.py:friction"):
-        assert main([*command, "--hide-function", name]) == 0
+        assert main([*command, "--finger", name]) == 0
         assert all(1.6 < cof < 2.4 for cof in cofs())
     assert "stranger" not in Path("data.csv").read_text() + Path("data.csv.meta.json").read_text()
     Path("broken.py").write_text("def friction(f, v, load, speed, time):\n    return 1 / 0\n")
-    assert main([*command, "--hide-function", "broken.py:friction"]) == 1
+    assert main([*command, "--finger", "broken.py:friction"]) == 1
     assert "ZeroDivisionError" in capsys.readouterr().err
+
+
+WITNESS = """
+name = "witness"
+[[points]]
+frequency_hz = 250.0
+voltage_v = 75.0
+normal_force_n = 0.5
+speed_m_s = 0.02
+[[sweep]]
+frequency_hz = { low = 100.0, high = 1e5, per_decade = 4 }
+finger = ["none", "resting"]
+"""
+FINGER = """
+import numpy as np
+
+def finger(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s):
+    \"\"\"47 kohm in series with 2 nF, 200 pF of leads, behind 10 ohm and an amplifier of 0.9; silent at rest.\"\"\"
+    w = 2 * np.pi * frequency_hz
+    touch = np.where(normal_force_n > 0.0, 1.0 / (47e3 + 1.0 / (2e-9j * w)), 0.0)
+    voltage = 0.9 * voltage_v * np.ones_like(w)
+    lateral = np.where(speed_m_s > 0.0, 0.7 * normal_force_n, np.nan)
+    return lateral, (touch + 200e-12j * w) * voltage, voltage
+"""
+
+
+def rows() -> list[dict[str, str]]:
+    with Path("data.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_finger_of_ones_own_has_friction_voltage_and_current(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("witness.toml").write_text(WITNESS)
+    Path("mine.py").write_text(FINGER)
+    command = ["measure", "--plan", "witness.toml", "--out", "data.csv", "--finger", "mine.py:finger", "--json"]
+    assert main(command) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["rows"], said["skipped"]) == (27, 0)
+    for row in rows():
+        w = 2 * np.pi * float(row["frequency_hz"])
+        touch = 0.0 if row["finger"] == "none" else 1 / (47e3 + 1 / (2e-9j * w))
+        voltage = 0.9 * float(row["voltage_v"])
+        current = (touch + 200e-12j * w) * voltage
+        assert float(row["electrode_voltage_v"]) == pytest.approx(
+            voltage, rel=1e-3, abs=5 * float(row["electrode_voltage_std_v"])
+        )
+        assert float(row["current_a"]) == pytest.approx(abs(current), rel=1e-3, abs=5 * float(row["current_std_a"]))
+        phase = pytest.approx(np.angle(current), abs=1e-3 + 5 * float(row["current_phase_std_rad"]))
+        assert float(row["current_phase_rad"]) == phase
+        assert (row["cof"] != "") == (row["finger"] == "sliding")
+        assert row["kramers_kronig"] == ("" if row["finger"] == "sliding" else "passes")
+    stray = said["stray_capacitance"]
+    assert stray["capacitance_f"] == pytest.approx(200e-12, abs=max(4 * stray["std_f"], 1e-3 * 200e-12))
+    assert json.loads(Path("data.csv.meta.json").read_text())["stray_capacitance"] == stray
+    assert stray["measured_at"] == datetime.date.today().isoformat()
+    assert main([*command, "--resume"]) == 0  # the calibration in the sidecar is no other experiment
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        ("lateral, 1e-6", "answered 2 values"),
+        ("lateral, np.nan * lateral, lateral", "a current of"),
+        ("np.nan * lateral", "a lateral force of nan N"),
+        ("np.concatenate([lateral, lateral])", "answered 1 values of shapes"),
+        ("lateral, 'x', 1.0", "raised ValueError"),
+    ],
+)
+def test_what_is_no_answer_of_a_finger_is_explained(
+    plan: str, capsys: pytest.CaptureFixture[str], answer: str, said: str
+) -> None:
+    body = f"    lateral = 0.6 * normal_force_n\n    return {answer}\n"
+    text = f"import numpy as np\n\ndef f(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s):\n{body}"
+    Path("wrong.py").write_text(text)
+    assert main(["measure", "--plan", plan, "--out", "data.csv", "--finger", "wrong.py:f"]) == 1
+    assert said in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_finger_that_tells_a_force_alone_leaves_the_electrodes_columns_empty(plan: str) -> None:
+    Path("plain.py").write_text("def f(f, v, load, speed, time):\n    return 0.6 * load\n")
+    assert main(["measure", "--plan", plan, "--out", "data.csv", "--finger", "plain.py:f"]) == 0
+    assert {row["current_a"] + row["electrode_voltage_v"] + row["current_phase_rad"] for row in rows()} == {""}
 
 
 @pytest.mark.parametrize(
@@ -126,15 +210,16 @@ def test_a_function_outside_the_catalogue(plan: str, capsys: pytest.CaptureFixtu
         (["--hide", "missing.toml"], "does not exist"),
         (["--hide", "bad.toml"], "series_resistanse"),
         (["--hide", "short.toml"], "hide"),
-        (["--hide-function", "nowhere:friction"], "cannot be loaded"),
-        (["--hide-function", "json"], "cannot be loaded"),
-        (["--hide-function", "json:__name__"], "not a function"),
-        (["--hide", "bad.toml", "--hide-function", "json:loads"], "Give one of them"),
+        (["--finger", "nowhere:friction"], "cannot be loaded"),
+        (["--finger", "json"], "cannot be loaded"),
+        (["--finger", "json:__name__"], "not a function"),
+        (["--hide", "good.toml", "--finger", "json:loads"], "Give one of them"),
         (["--seed", "-1"], "seed"),
     ],
 )
 def test_bad_options_are_named(plan: str, options: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     Path("bad.toml").write_text("[series_resistanse]\nresistance_ohm = 1.0\n")
+    Path("good.toml").write_text("[series_resistance]\nresistance_ohm = 1.0\n")
     assert main(["measure", "--plan", plan, "--out", "data.csv", *options]) == 2
     assert said in capsys.readouterr().err
     assert not Path("data.csv").exists()
