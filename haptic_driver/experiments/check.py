@@ -69,8 +69,8 @@ def check(
         frequency_hz = setting.frequency_hz or config.limits.frequency_hz[0]  # of a direct voltage: the strictest
         point = OperatingPoint(frequency_hz, setting.peak_v, cof, *currents, True, cof, cof)
         reason = (
-            _beyond_generator(setting, config)
-            or _beyond_direct(setting, config)
+            _beyond_direct(setting, config)
+            or _beyond_generator(setting, config)
             or _beyond_monitors(setting, config)
             or beyond_stage(setting, plan, config)
             or (None if np.isfinite(cof) else "the model predicts that the contact pulls in")
