@@ -134,6 +134,10 @@ def _ask(experiment: Experiment, yes: bool) -> None:
         f"{ceil(experiment.duration_s / 60)} min; the stage will move, and home if it has not.\n"
         "Take the finger off the screen: the force sensor's bias comes first."
     )
+    if any(row.setting.by_meter for row in experiment.rows):
+        stderr.print(
+            "The LCR meter drives the electrode: take the amplifier's lead off it, and wire the meter's to it."
+        )
     if not sys.stdin.isatty():
         said = f"rig {experiment.config.name} is real, and nobody was asked whether to begin: no terminal"
         raise BadInputError("not_attended", said, "Run it on a terminal, or give --yes while somebody watches the rig")

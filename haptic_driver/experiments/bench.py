@@ -11,7 +11,7 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from haptic_driver.experiments.plan import Row
+from haptic_driver.experiments.plan import Row, Setting
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.rig import Rig
 from haptic_driver.simulation.friction import ElectrodeLaw, FrictionLaw
@@ -44,8 +44,8 @@ class Bench(Protocol):
     def read_force(self) -> ForceReading:
         """The force sensor's present reading, its time on the session's clock."""
 
-    def read_electrode(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading | None:
-        """The electrode's voltage and current under this carrier; None where no monitor tells it. DeviceError."""
+    def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
+        """The electrode's voltage and current under what is set; None where no monitor tells it. DeviceError."""
 
     def end_row(self) -> None:
         """The row's last force is read; HapticError when the finger did not slide as it should have."""
@@ -125,9 +125,9 @@ class SimulatedBench:
         """See `Bench`."""
         return self.rig.read_force()
 
-    def read_electrode(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading | None:
+    def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
         """See `Bench`."""
-        return self.simulated.read_electrode(frequency_hz, voltage_v)
+        return self.simulated.read_electrode(setting.frequency_hz, setting.voltage_v)
 
     def end_row(self) -> None:
         """See `Bench`; a simulated finger slides as it is told."""

@@ -87,6 +87,8 @@ def check(
 def resolved(settings: Sequence[Setting], config: RigConfig, model: TouchModel) -> list[Setting]:
     """Sweeps at the voltage that the rig allows there, to three digits: what they ask for, or the highest below it.
 
+    `by_meter` is set where an instrument drives the electrode itself.
+
     A stuck or wet finger is the worst case, also where the plan says that there is none. Beyond the reach of the
     monitors that watch over the output only what they would call quiet is allowed.
     """
@@ -97,7 +99,10 @@ def resolved(settings: Sequence[Setting], config: RigConfig, model: TouchModel) 
         if setting.sweep:
             per_volt = stuck_a / setting.voltage_v
             highest_v = MOST_OF_LIMIT * float(limits.highest_voltage_v(setting.frequency_hz, per_volt))
-            if setting.frequency_hz > config.monitor_reach_hz:
+            if meter := config.swept_by_meter(setting.frequency_hz):
+                setting = setting._replace(by_meter=True)  # noqa: PLW2901
+                highest_v = min(highest_v, meter.highest_v)
+            elif setting.frequency_hz > config.monitor_reach_hz:
                 highest_v = min(highest_v, MONITOR_QUIET_V)
             if highest_v < setting.voltage_v:
                 lower_v = 10.0 ** (floor(log10(max(highest_v, 1e-9))) - 2)
@@ -121,9 +126,11 @@ def _conditions(settings: Sequence[Setting]) -> Conditions:
 
 def _beyond_monitors(setting: Setting, config: RigConfig) -> str | None:
     f, reach_hz = setting.frequency_hz, config.monitor_reach_hz
+    if setting.by_meter:
+        return None
     if f > reach_hz and setting.voltage_v > MONITOR_QUIET_V:
         return f"above {reach_hz:g} Hz, where the rig's monitors alias, at most {MONITOR_QUIET_V:g} V are allowed"
-    if setting.sweep and config.electrode_monitor(f) is None:
+    if setting.sweep and config.electrode_monitor(f, sweep=True) is None:
         return f"no monitor of this rig's file tells {f:g} Hz"
     return None
 
@@ -152,6 +159,8 @@ def _beyond_harmonics(setting: Setting, limits: OperatingLimits, model: TouchMod
 
 
 def _beyond_generator(setting: Setting, config: RigConfig) -> str | None:
+    if setting.by_meter:
+        return None
     kind = config.generator_kind()
     needed = Shape.DC if setting.voltage_offset_v else Shape(setting.waveform)
     if needed not in kind.shapes:

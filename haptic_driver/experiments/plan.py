@@ -135,7 +135,8 @@ class PlanFile(_Procedure):
 class Setting(NamedTuple):
     """What is set for one row; `voltage_v` 0 is friction without voltage, its frequency is 0 and means nothing.
 
-    A `sweep` measures no friction. `time_s` is when in its session the row is wanted, None for whenever.
+    A `sweep` measures no friction. `time_s` is when in its session the row is wanted, None for whenever. `by_meter`: an
+    instrument drives the electrode itself, and the amplifier stays off.
     """
 
     frequency_hz: float
@@ -147,6 +148,7 @@ class Setting(NamedTuple):
     finger: str = "sliding"
     sweep: bool = False
     time_s: float | None = None
+    by_meter: bool = False
 
     @property
     def driven(self) -> bool:

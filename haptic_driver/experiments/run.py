@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, nan
 
@@ -92,6 +92,7 @@ def prepare(config: RigConfig, model: TouchModel, plan: Plan, seed: int | None =
     without, refused = check(undriven, plan, config, model)
     refusals += [refusal for refusal in refused if refusal.setting in settings]
     permitted = [s for s in settings if s in points or s in without]
+    _require_one_wiring(permitted)
     if not permitted:
         said = f"plan {plan.name}: rig {config.name} refuses every point, first {refusals[0]}"
         raise BadInputError("all_refused", said, "Choose other points, or another rig")
@@ -99,6 +100,15 @@ def prepare(config: RigConfig, model: TouchModel, plan: Plan, seed: int | None =
     rows = tuple(plan.rows(permitted, seed))
     limits = config.sweep_limits()
     return Experiment(plan, config, model, seed, rows, points | without, tuple(refusals), limits)
+
+
+def _require_one_wiring(settings: Sequence[Setting]) -> None:
+    """An instrument that drives the electrode itself is wired in the amplifier's place: nothing else in its plan."""
+    by_meter = [s for s in settings if s.by_meter]
+    if by_meter and len(by_meter) < len(settings):
+        said = f"{len(by_meter)} rows are swept by an instrument that drives the electrode, the others by the amplifier"
+        hint = "Put them into plans of their own, and wire the electrode for each"
+        raise BadInputError("two_wirings", said, hint)
 
 
 def run(
@@ -184,7 +194,7 @@ def _electrode(bench: Bench, setting: Setting) -> ElectrodeReading | None:
         return None
     bench.rig.hold(bench.time_s)
     try:
-        return bench.read_electrode(setting.frequency_hz, setting.voltage_v)
+        return bench.read_electrode(setting)
     except DeviceError as error:
         raise HapticError(error.code, f"the electrode's monitor, at {setting}: {error.message}", error.hint) from error
 
@@ -209,7 +219,7 @@ def _slide(bench: Bench, dt_s: float, setting: Setting) -> None:
     """The finger slides on under the output as it is, which is refreshed and looked at."""
     bench.step(dt_s, setting.normal_force_n, setting.speed_m_s)
     bench.rig.hold(bench.time_s)
-    if setting.voltage_v > 0.0 and bench.rig.state is not RigState.ON:
+    if setting.driven and not setting.by_meter and bench.rig.state is not RigState.ON:
         why = "; ".join(event.reason for event in list(bench.rig.events)[-2:])
         raise HapticError("output_lost", f"the output went off during {setting}: {why}", "Remove the cause, --resume")
 
@@ -223,8 +233,8 @@ def _bring_up(experiment: Experiment, bench: Bench, setting: Setting) -> None:
     if safe.rejection is not None:
         raise HapticError("refused", f"the safety gate refuses {setting}: {safe.rejection}", "Check the rig's limits")
     rig: Rig = bench.rig
-    if not setting.driven:
-        return
+    if setting.by_meter or not setting.driven:
+        return  # the amplifier stays off
     safe = safe._replace(voltage_v=setting.voltage_v)  # the point's is the peak
     state = drive.INITIAL
     while state.voltage_v < safe.voltage_v:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Self
 
 from haptic_driver.errors import HapticError
-from haptic_driver.experiments.plan import Plan, Row
+from haptic_driver.experiments.plan import Plan, Row, Setting
 from haptic_driver.experiments.stroke import SPARE_S, stage_of, stroke
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import connect_devices
@@ -109,10 +109,13 @@ class StageBench:
         reading = self.rig.read_force()
         return reading._replace(time_s=reading.time_s - self._sensor_zero_s)
 
-    def read_electrode(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading | None:
+    def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
         """See `Bench`."""
-        i = self._config.electrode_monitor(frequency_hz)
-        return None if i is None else self._devices.electrode_monitors[i].read(frequency_hz, voltage_v)
+        i = self._config.electrode_monitor(setting.frequency_hz, setting.sweep)
+        if i is None:
+            return None
+        monitor = self._devices.electrode_monitors[i]
+        return monitor.read(setting.frequency_hz, setting.voltage_v, lambda: self.rig.hold(self.time_s))
 
     def end_row(self) -> None:
         """See `Bench`. HapticError when the stage did not slide at the row's speed all the time."""

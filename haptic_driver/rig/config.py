@@ -307,15 +307,26 @@ class RigConfig(Section):
             return inf
         return highest_carrier_hz(self.analog_inputs.sample_rate_hz)
 
-    def electrode_monitor(self, frequency_hz: float) -> int | None:
-        """Which of the electrode's monitors, the first of the file that tells a carrier; None for none of them."""
+    def electrode_monitor(self, frequency_hz: float, sweep: bool = False) -> int | None:
+        """Which of the electrode's monitors, the first of the file that tells a carrier; None for none of them.
+
+        One that drives the electrode itself reads nothing but sweeps.
+        """
         for i, monitor in enumerate(self.electrode_monitors):
+            if monitor.drives and not sweep:
+                continue
             on_card = isinstance(monitor, CardElectrodeMonitorConfig) and self.analog_inputs is not None
             highest_hz = self.monitor_reach_hz if on_card else monitor.highest_hz
             lowest_hz = 1.0 / self.analog_inputs.buffer_s if on_card and self.analog_inputs else monitor.lowest_hz
             if lowest_hz <= frequency_hz <= highest_hz:
                 return i
         return None
+
+    def swept_by_meter(self, frequency_hz: float) -> SomeElectrodeMonitor | None:
+        """The instrument that drives the electrode itself in a sweep at this carrier, if one does."""
+        i = self.electrode_monitor(frequency_hz, sweep=True)
+        monitor = None if i is None else self.electrode_monitors[i]
+        return monitor if monitor is not None and monitor.drives else None
 
     def generator_kind(self) -> generators.GeneratorKind:
         """The installed kind of waveform generator; BadInputError where its package cannot be loaded."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import nan
 from typing import NamedTuple, Protocol
 
@@ -22,6 +23,10 @@ class ElectrodeReading(NamedTuple):
     referenced: bool = True
 
 
+def nothing() -> None:
+    """What is called where nobody waits."""
+
+
 class ElectrodeMonitor(Protocol):
     """An instrument that reads the electrode. `drives`: it is a source of its own, wired in place of the amplifier."""
 
@@ -31,8 +36,9 @@ class ElectrodeMonitor(Protocol):
     def frequency_range_hz(self) -> tuple[float, float]:
         """The lowest and the highest carrier that it tells."""
 
-    def read(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading:
+    def read(self, frequency_hz: float, voltage_v: float, alive: Callable[[], object] = nothing) -> ElectrodeReading:
         """What is there now, under a carrier of `frequency_hz` and peak `voltage_v`; raises DeviceError.
 
-        One that drives puts that voltage on the electrode, and takes it off again before it returns or raises.
+        `alive` is called between parts of what takes long. One that drives puts that voltage on the electrode, and
+        takes it off again before it returns or raises.
         """

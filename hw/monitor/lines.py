@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf, pi, sqrt
 from typing import Protocol
@@ -12,7 +12,7 @@ import numpy as np
 from hw.analog.demodulation import HARMONICS, ComplexArray, demodulate, highest_carrier_hz, whole_periods
 from hw.analog.output import Array
 from hw.errors import LimitExceeded
-from hw.monitor.contract import ElectrodeReading
+from hw.monitor.contract import ElectrodeReading, nothing
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class SampledMonitor:
         """One period in the buffer, and what does not alias."""
         return 1.0 / self._sampling.buffer_s, highest_carrier_hz(self._sampling.sample_rate_hz)
 
-    def read(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading:
+    def read(self, frequency_hz: float, voltage_v: float, alive: Callable[[], object] = nothing) -> ElectrodeReading:
         """See `ElectrodeMonitor`."""
         low_hz, high_hz = self.frequency_range_hz
         if not low_hz <= frequency_hz <= high_hz:

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import Field, FiniteFloat
+from pydantic import Field, FiniteFloat, model_validator
 
-from haptic_driver.rig.part import NotNegative, Part, PartKind, PartSection, Positive, Seconds, Wiring
+from haptic_driver.rig.part import NotNegative, Part, PartKind, PartSection, Positive, Resource, Seconds, Wiring
 
 if TYPE_CHECKING:
+    from hw.impedance.e4980a import E4980A
     from hw.monitor.lines import SampledMonitor, Sampling
+    from hw.oscilloscope.infiniivision import InfiniiVision
 
 
 class SomeElectrodeMonitor(PartSection):
-    """What every kind says: which carriers it tells. Where the card decides, `highest_hz` is 0."""
+    """What every kind says: which carriers it tells. Where the card decides, `highest_hz` is 0.
+
+    `drives`: it puts its own voltage on the electrode, in place of generator and amplifier, up to `highest_v`.
+    """
+
+    drives: ClassVar[bool] = False
+
+    @property
+    def highest_v(self) -> float:
+        """The highest peak that it puts on the electrode itself."""
+        return 0.0
 
     @property
     def highest_hz(self) -> float:
@@ -87,5 +99,95 @@ def make_card(section: CardElectrodeMonitorConfig, wiring: Wiring) -> Part[Sampl
     return Part(SampledMonitor(inputs.columns(channels), lines, sampling))
 
 
+class InfiniiVisionConfig(SomeElectrodeMonitor):
+    """A Keysight InfiniiVision oscilloscope on the monitor lines; the generator's Sync triggers it at EXT."""
+
+    kind: Literal["infiniivision"]
+    resource: Resource
+    visa_backend: str = "@py"
+    voltage_channel: Annotated[int, Field(ge=1, le=4)] = 1
+    current_channel: Annotated[int, Field(ge=1, le=4)] = 2
+    lowest_frequency_hz: Positive = 100.0
+    highest_frequency_hz: Positive = 2e6
+    reply_timeout_s: Seconds = 2.0
+
+    @property
+    def highest_hz(self) -> float:
+        """As the file says."""
+        return self.highest_frequency_hz
+
+    @property
+    def lowest_hz(self) -> float:
+        """As the file says."""
+        return self.lowest_frequency_hz
+
+    @model_validator(mode="after")
+    def _apart(self) -> InfiniiVisionConfig:
+        if self.voltage_channel == self.current_channel:
+            raise ValueError("voltage_channel and current_channel must be two channels")
+        return self
+
+
+def make_infiniivision(section: InfiniiVisionConfig, wiring: Wiring) -> Part[InfiniiVision]:
+    """See `hw.oscilloscope.infiniivision`."""
+    from hw.oscilloscope.infiniivision import InfiniiVision, Oscilloscope
+    from hw.transport.resource import make_transport
+
+    assert wiring.monitor_lines is not None
+    wired = Oscilloscope(
+        section.voltage_channel, section.current_channel, section.lowest_hz, section.highest_hz, section.reply_timeout_s
+    )
+    transport = make_transport(section.resource, visa_backend=section.visa_backend)
+    scope = InfiniiVision(transport, wired, wiring.monitor_lines)
+    return Part(scope, [scope.open], [scope.close])
+
+
+class E4980AConfig(SomeElectrodeMonitor):
+    """A Keysight E4980A or E4980AL, wired to the electrode in place of the amplifier while it sweeps.
+
+    `voltage_limit_v` is the highest peak that it may put on the electrode, `accuracy` its share of an impedance.
+    """
+
+    drives: ClassVar[bool] = True
+
+    kind: Literal["e4980a"]
+    resource: Resource
+    visa_backend: str = "@py"
+    voltage_limit_v: Annotated[FiniteFloat, Field(gt=0.0, le=28.3)] = 2.8
+    lowest_frequency_hz: Positive = 20.0
+    highest_frequency_hz: Positive = 2e6
+    accuracy: Positive = 1e-3
+    reply_timeout_s: Seconds = 10.0
+
+    @property
+    def highest_v(self) -> float:
+        """As the file says."""
+        return self.voltage_limit_v
+
+    @property
+    def highest_hz(self) -> float:
+        """As the file says."""
+        return self.highest_frequency_hz
+
+    @property
+    def lowest_hz(self) -> float:
+        """As the file says."""
+        return self.lowest_frequency_hz
+
+
+def make_e4980a(section: E4980AConfig, wiring: Wiring) -> Part[E4980A]:
+    """See `hw.impedance.e4980a`."""
+    from hw.impedance.e4980a import E4980A, LcrMeter
+    from hw.transport.resource import make_transport
+
+    allowed = LcrMeter(
+        section.voltage_limit_v, section.lowest_hz, section.highest_hz, section.accuracy, section.reply_timeout_s
+    )
+    meter = E4980A(make_transport(section.resource, visa_backend=section.visa_backend), allowed)
+    return Part(meter, [meter.open], [meter.close])
+
+
 SIMULATED = PartKind(SimulatedElectrodeMonitorConfig)
 CARD = PartKind(CardElectrodeMonitorConfig, make_card)
+INFINIIVISION = PartKind(InfiniiVisionConfig, make_infiniivision)
+E4980A_METER = PartKind(E4980AConfig, make_e4980a)

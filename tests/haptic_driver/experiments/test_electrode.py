@@ -10,12 +10,18 @@ import pytest
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.bench import Scatter, SimulatedBench
 from haptic_driver.experiments.data_file import DataFile
-from haptic_driver.experiments.plan import Plan, load_plan
+from haptic_driver.experiments.plan import Plan, Setting, load_plan
 from haptic_driver.experiments.run import Experiment, prepare, run
 from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.parts.electrode_monitors import E4980AConfig
+from haptic_driver.rig.states import RigState
+from hw.impedance.e4980a import E4980A, LcrMeter
+from hw.impedance.simulated import SimulatedE4980A
+from hw.monitor.contract import ElectrodeReading
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 from tests.haptic_driver.experiments.test_run import table
+from tests.hw.testing.memory import MemoryTransport
 
 SWEEP = """
 name = "witness"
@@ -182,3 +188,52 @@ def test_rows_with_a_time_are_measured_then(config: RigConfig, model: TouchModel
     times = [float(row["time_s"]) for row in table(tmp_path / "data.csv")]
     for session in (times[:3], times[3:]):
         assert session[1:] == pytest.approx([4.0, 30.0], abs=0.1)  # the voltage rises at the beginning of a row
+
+
+LCR = {"kind": "e4980a", "resource": "TCPIP::192.168.0.8::5025::SOCKET", "voltage_limit_v": 1.5}
+
+
+def test_a_meter_that_drives_the_electrode_sweeps_in_a_plan_of_its_own(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    metered = config.model_copy(update={"electrode_monitors": [E4980AConfig(**LCR), *config.electrode_monitors]})
+    plan = plan_of(tmp_path, SWEEP.replace("[10.0, ", "["))
+    experiment = prepare(metered, model, plan)
+    assert all(row.setting.by_meter and row.setting.voltage_v <= 1.5 for row in experiment.rows)
+    with pytest.raises(BadInputError, match="by the amplifier") as error:
+        prepare(metered, model, plan_of(tmp_path, SWEEP))  # the meter begins at 20 Hz
+    assert error.value.code == "two_wirings"
+    assert metered.electrode_monitor(250.0) == 1  # friction is never read by it
+    assert metered.electrode_monitor(250.0, sweep=True) == 0
+
+
+class Metered(SimulatedBench):
+    """A simulated rig whose electrode an LCR meter sweeps."""
+
+    def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
+        assert self.rig.state is RigState.OFF
+        assert self.simulated.instruments.voltage_v == 0.0
+        return self.meter.read(setting.frequency_hz, setting.voltage_v)
+
+    def __enter__(self) -> Metered:
+        super().__enter__()
+        self.lcr = SimulatedE4980A(lambda f: complex(1.0 / (1e-6 + 2j * np.pi * f * 300e-12)))
+        self.meter = E4980A(MemoryTransport(self.lcr), LcrMeter(voltage_limit_v=1.5))
+        self.meter.open()
+        return self
+
+
+def test_the_amplifier_stays_off_while_the_meter_sweeps(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+    metered = config.model_copy(update={"electrode_monitors": [E4980AConfig(**LCR)]})
+    plan = plan_of(tmp_path, SWEEP.replace("[10.0, ", "["))
+    experiment = prepare(metered, model, plan)
+    bench = Metered(config, model, seed=1)
+    with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
+        run(experiment, bench, data)
+    assert bench.simulated.amplifier.max_voltage_v == 0.0
+    assert bench.lcr.voltage_v == 0.0
+    for row in table(tmp_path / "data.csv"):
+        admittance = 1e-6 + 2j * np.pi * float(row["frequency_hz"]) * 300e-12
+        measured = float(row["current_a"]) / float(row["electrode_voltage_v"])
+        assert measured == pytest.approx(abs(admittance), rel=5e-3)
+        assert float(row["current_phase_rad"]) == pytest.approx(np.angle(admittance), abs=5e-3)

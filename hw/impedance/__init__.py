@@ -1,0 +1,1 @@
+"""LCR meters and impedance analysers, which drive the electrode themselves."""

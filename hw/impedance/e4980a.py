@@ -1,0 +1,93 @@
+"""Keysight's E4980A (and AL) LCR meter: drives the electrode itself, in place of the amplifier, and tells impedance.
+
+Commands are those of its User's Guide; never tried on an instrument. It has no switch for its signal: a level of 0 V is
+off.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import hypot, sqrt
+
+from hw.errors import BadReply, LimitExceeded
+from hw.monitor.contract import ElectrodeReading, nothing
+from hw.monitor.scpi_line import ScpiLine
+from hw.transport.contract import Transport
+
+MODEL = re.compile(r"E4980AL?")
+
+
+@dataclass(frozen=True)
+class LcrMeter:
+    """What it may do: peak volts at the electrode, carriers; `accuracy` is a share of |Z| (0.05 % basic)."""
+
+    voltage_limit_v: float = 2.0 * sqrt(2.0)
+    lowest_hz: float = 20.0
+    highest_hz: float = 2e6
+    accuracy: float = 1e-3
+    reply_timeout_s: float = 10.0
+
+
+class E4980A:
+    """The meter on the electrode; its own source's phase is zero, since impedance is all that it tells."""
+
+    drives = True
+
+    def __init__(self, transport: Transport, meter: LcrMeter) -> None:
+        self._line = ScpiLine(transport, meter.reply_timeout_s)
+        self._meter = meter
+
+    @property
+    def frequency_range_hz(self) -> tuple[float, float]:
+        """As the rig's file says."""
+        return self._meter.lowest_hz, self._meter.highest_hz
+
+    def open(self) -> None:
+        """Connect, no voltage, and set up what does not change; raises DeviceError."""
+        self._line.open(MODEL)
+        self._line.tell(
+            "*RST", ":VOLT:LEV 0", ":BIAS:STAT 0", ":FUNC:IMP:TYPE RX", ":APER LONG", ":TRIG:SOUR BUS",
+            ":INIT:CONT ON", ":AMPL:ALC 0", ":FUNC:SMON:VAC 1",
+        )  # fmt: skip
+        self.off()
+
+    def close(self) -> None:
+        """No voltage, and hang up; raises DeviceError where the meter does not say so."""
+        try:
+            self.off()
+        finally:
+            self._line.close()
+
+    def off(self) -> None:
+        """No voltage, read back."""
+        self._line.tell(":VOLT:LEV 0")
+        level_v = self._line.numbers(":VOLT:LEV?", 1)[0]
+        if level_v != 0.0:
+            raise BadReply(f"LCR meter: holds {level_v:g} V after 0 V were set", "take it off the electrode")
+
+    def read(self, frequency_hz: float, voltage_v: float, alive: Callable[[], object] = nothing) -> ElectrodeReading:
+        """See `ElectrodeMonitor`: voltage and current while the meter drives the electrode."""
+        low_hz, high_hz = self.frequency_range_hz
+        if not (low_hz <= frequency_hz <= high_hz and 0.0 < voltage_v <= self._meter.voltage_limit_v):
+            raise LimitExceeded(
+                f"LCR meter: {voltage_v:g} V at {frequency_hz:g} Hz is beyond {self._meter.voltage_limit_v:g} V or "
+                f"outside {low_hz:g}..{high_hz:g} Hz; nothing was sent",
+                "stay within what the rig's file allows it",
+            )
+        alive()
+        try:
+            self._line.tell(f":FREQ:CW {frequency_hz:.9g}", f":VOLT:LEV {voltage_v / sqrt(2.0):.6g}")
+            self._line.tell("*TRG")
+            resistance, reactance, status, *_ = self._line.numbers(":FETC:IMP:FORM?", 3)
+            rms_v = self._line.numbers(":FETC:SMON:VAC?", 1)[0]
+        finally:
+            self.off()
+        impedance = complex(resistance, reactance)
+        if status != 0.0 or impedance == 0.0 or not rms_v > 0.0:
+            raise BadReply(f"LCR meter: status {status:g}, Z {impedance}, {rms_v:g} V", "is the electrode wired to it?")
+        peak_v = sqrt(2.0) * rms_v
+        current_a = peak_v / impedance
+        std_a = self._meter.accuracy * hypot(current_a.real, current_a.imag)
+        return ElectrodeReading(complex(peak_v), self._meter.accuracy * peak_v, current_a, std_a)

@@ -1,0 +1,1 @@
+"""Oscilloscopes, which sample what a card cannot."""
