@@ -95,7 +95,7 @@ def _template_comments(path: Path) -> dict[str, str]:
     """`section.key` -> the comment on its line, of a TOML file; comments that go on are cut at their first line."""
     words, section = {}, ""
     for line in path.read_text(encoding="utf-8").splitlines():
-        if header := re.match(r"\[([\w.]+)\]", line):
+        if header := re.match(r"\[+([\w.]+)\]", line):
             section = header[1] + "."
         elif said := re.match(r"(?:# )?(\w+) = .*?\s#\s*(.+)$", line):
             words[section + said[1]] = said[2].strip().rstrip(",;")
@@ -111,7 +111,8 @@ def _sections(schema: Schema, words: dict[str, str], path: str = "") -> Iterator
         inner = f"{path}{name}"
         for found in _tables_in(entry, definitions):
             kind = found["properties"].get("kind", {}).get("const")
-            yield f"### `[{inner}]`" + (f' with `kind = "{kind}"`' if kind else "")
+            table = f"[[{inner}]]" if entry.get("type") == "array" else f"[{inner}]"
+            yield f"### `{table}`" + (f' with `kind = "{kind}"`' if kind else "")
             yield from _sections({**found, "$defs": definitions}, words, f"{inner}.")
 
 
@@ -130,7 +131,7 @@ def _tables_in(entry: Schema, definitions: Schema) -> list[Schema]:
         found = definitions[entry["$ref"].rpartition("/")[2]]
         return [found] if "properties" in found else []
     inside = [*entry.get("anyOf", []), *entry.get("oneOf", [])]
-    if entry.get("type") == "array" and "$ref" in entry["items"]:
+    if entry.get("type") == "array" and entry["items"].keys() & {"$ref", "oneOf", "anyOf"}:
         inside.append(entry["items"])
     return [found for branch in inside for found in _tables_in(branch, definitions)]
 
