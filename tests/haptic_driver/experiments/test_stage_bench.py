@@ -24,8 +24,13 @@ from haptic_driver.experiments.stage_bench import StageBench
 from haptic_driver.experiments.stroke import stage_of, stroke
 from haptic_driver.rig import devices
 from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
+from haptic_driver.simulation.friction import electrode_of
 from haptic_driver.simulation.served import NORMAL_FORCE_N, ServedRig, as_real
 from hw.force.sensor import ForceReading
+from hw.monitor.simulated import ElectrodeState, SimulatedLines
+from hw.oscilloscope.simulated import SimulatedInfiniiVision
+from hw.serving.tcp import TcpServer
 from hw.stage import apt
 from model.conditions import Conditions
 from model.touch_model import TouchModel
@@ -102,6 +107,40 @@ def test_each_row_is_a_stroke_under_its_load(
     assert 0.0 < float(without["time_s"]) < float(driven["time_s"])
     assert served.amplifier.max_voltage_v == pytest.approx(75.0, rel=0.01)
     assert [what.partition(",")[0] for what in dict.fromkeys(told)][-1] == "row 2: measuring"
+
+
+def test_an_oscilloscope_reads_the_electrode_of_a_real_rig(
+    served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    """A row of friction, then a resting finger at 5 V beyond what a card could sample; the scope by its own wire."""
+    law, instruments = electrode_of(model, 300e-12), served.instruments
+
+    def state() -> ElectrodeState | None:
+        f, v, _, _ = instruments.stimulus()
+        return law(f, v, instruments.plant.normal_force_n, instruments.speed_m_s, 0.0)
+
+    scope = SimulatedInfiniiVision(SimulatedLines(state, real.amplifier.monitor_lines(), (2e-4, 2e-4), 1))
+    server = TcpServer(scope)
+    resting = Setting(20e3, 5.0, NORMAL_FORCE_N, 0.0, finger="resting", sweep=True)
+    with server:
+        section = InfiniiVisionConfig(kind="infiniivision", resource=server.resource)
+        seen = real.model_copy(update={"electrode_monitors": [section]})
+        measured(seen, model, plan(DRIVEN, resting, voltage_off_every=0), tmp_path / "data.csv", lambda what: None)
+    assert off(served)
+    slid, rested = table(tmp_path / "data.csv")
+    assert float(slid["cof"]) > 0.5
+    assert rested["cof"] == ""
+    assert float(rested["measured_normal_force_n"]) == pytest.approx(NORMAL_FORCE_N, rel=0.01)
+    for row, finger, speed in ((slid, "sliding", SPEED_M_S), (rested, "resting", 0.0)):
+        f, v = float(row["frequency_hz"]), float(row["voltage_v"])
+        conditions = Conditions(
+            np.array([f]), np.array([v]), np.array([NORMAL_FORCE_N]), speed_m_s=np.array([speed]),
+            finger=np.array([finger]),
+        )  # fmt: skip
+        expected = model.predict(conditions).electrode_current_a[0] + 2j * np.pi * f * 300e-12 * v
+        found = float(row["current_a"]) * np.exp(1j * float(row["current_phase_rad"]))
+        assert abs(found - expected) < 0.02 * abs(expected) + 5 * float(row["current_std_a"])
+        assert float(row["electrode_voltage_v"]) == pytest.approx(v, rel=0.01)
 
 
 def test_a_load_that_nobody_brings_is_asked_for_and_then_given_up(
