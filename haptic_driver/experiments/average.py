@@ -1,13 +1,15 @@
-"""A steady window of force readings -> friction, its standard error, and the load."""
+"""A steady window of readings -> friction, its standard error and the load; the electrode's voltage and current."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from haptic_driver.signals import Array
+from hw.monitor.contract import ElectrodeReading
 
 WINDOW_FACTOR = 3.0  # the autocorrelation is summed over this many correlation times: least error for wobbles as here
 
@@ -32,6 +34,29 @@ def average(time_s: Array, lateral_n: Array, normal_n: Array) -> Measured:
     cof = float(np.mean(lateral_n)) / normal
     error = standard_error((lateral_n - cof * normal_n) / normal)
     return Measured(cof, error, normal, float(np.mean(time_s)))
+
+
+def mean_reading(readings: Sequence[ElectrodeReading]) -> ElectrodeReading | None:
+    """The mean of n readings; None of none.
+
+    Its error is that of the readings, or what their scatter implies where that is more: then the touch itself changed.
+    """
+    if not readings:
+        return None
+    n = len(readings)
+
+    def mean(values: Sequence[complex], stds: Sequence[float]) -> tuple[complex, float]:
+        middle = complex(np.mean(values))
+        stated = sqrt(float(np.mean(np.square(stds))) / n)
+        scatter = sqrt(float(np.sum(np.abs(np.array(values) - middle) ** 2)) / (2 * (n - 1) * n)) if n > 1 else 0.0
+        return middle, max(stated, scatter)
+
+    voltage_v, voltage_std_v = mean([r.voltage_v for r in readings], [r.voltage_std_v for r in readings])
+    current_a, current_std_a = mean([r.current_a for r in readings], [r.current_std_a for r in readings])
+    second_a, third_a = (float(np.mean([getattr(r, name) for r in readings])) for name in ("second_a", "third_a"))
+    return ElectrodeReading(
+        voltage_v, voltage_std_v, current_a, current_std_a, second_a, third_a, readings[0].referenced
+    )
 
 
 def standard_error(series: Array) -> float:

@@ -199,19 +199,20 @@ class Plan(_Procedure):
                 ordered.append(Row(setting, session, trials[setting]))
         return ordered
 
-    def row_s(self, setting: Setting) -> float:
+    @property
+    def row_s(self) -> float:
         """How long a row takes, apart from bringing up the voltage."""
-        return self.settle_s + (0.0 if setting.sweep else self.average_s) + self.pause_s
+        return self.settle_s + self.average_s + self.pause_s
 
     def _timely(self, timed: Sequence[Setting], others: Sequence[Setting]) -> list[Setting]:
         """Rows with a time among the others: before the first that would make them late."""
         order: list[Setting] = []
         waiting, clock_s = list(timed), 0.0
         for setting in others:
-            while waiting and self.begin_s(waiting[0]) < clock_s + self.row_s(setting):
-                clock_s = max(clock_s, self.begin_s(waiting[0])) + self.row_s(waiting[0])
+            while waiting and self.begin_s(waiting[0]) < clock_s + self.row_s:
+                clock_s = max(clock_s, self.begin_s(waiting[0])) + self.row_s
                 order.append(waiting.pop(0))
-            clock_s += self.row_s(setting)
+            clock_s += self.row_s
             order.append(setting)
         return order + waiting
 

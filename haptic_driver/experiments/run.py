@@ -11,7 +11,7 @@ from math import ceil, nan
 import numpy as np
 
 from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.experiments.average import Measured, average
+from haptic_driver.experiments.average import Measured, average, mean_reading
 from haptic_driver.experiments.bench import Bench
 from haptic_driver.experiments.check import Refusal, check, resolved
 from haptic_driver.experiments.data_file import DataFile, Identity
@@ -30,6 +30,7 @@ from hw.monitor.contract import ElectrodeReading
 from model.touch_model import TouchModel
 
 READING_S = 0.005  # between force readings; longer where sensor or output take longer
+READINGS = 5  # of the electrode in a window
 LEAST_READINGS = 40  # in a window: fewer say nothing of their own scatter
 ATTEMPTS = 3  # at a row whose load was missed
 SETTLING_STEP_S = 0.05  # while waiting nothing is read
@@ -59,7 +60,7 @@ class Experiment:
     @property
     def duration_s(self) -> float:
         """How long all rows take, apart from bringing up the voltage."""
-        return sum(self.plan.row_s(row.setting) for row in self.rows)
+        return len(self.rows) * self.plan.row_s
 
     def identity(self, hidden: str = "") -> Identity:
         """What a data file must have been begun with to be continued; `hidden` is whatever else shapes the friction."""
@@ -169,16 +170,15 @@ def measure_row(
         steps = ceil(plan.settle_s / SETTLING_STEP_S)
         for _ in range(steps):
             _slide(bench, plan.settle_s / steps, setting)
-        window = _window(bench, plan.average_s, setting) if setting.finger != "none" else None
-        electrode = _electrode(bench, setting)
-        ended_s = bench.read_force().time_s
+        window, readings = _window(bench, plan, setting)
         bench.end_row()
     finally:
         evidence = bench.rig.off()
     _require_off(evidence)
     bench.step(plan.pause_s, 0.0, 0.0)
-    if window is None:
-        return Measured(nan, nan, 0.0, ended_s), electrode
+    electrode = mean_reading(readings)
+    if setting.finger == "none":
+        return Measured(nan, nan, 0.0, float(np.mean(window[:, 0]))), electrode
     measured = average(window[:, 0], window[:, 1], window[:, 2])
     if setting.sweep:
         return measured._replace(cof=nan, cof_std=nan), electrode
@@ -188,31 +188,40 @@ def measure_row(
     return measured, electrode
 
 
+def _window(bench: Bench, plan: Plan, setting: Setting) -> tuple[Array, list[ElectrodeReading]]:
+    """A window of `average_s`: time, lateral and normal force [n, 3], and the electrode where a monitor tells it.
+
+    The electrode is read at most `READINGS` times, evenly spread, and for no more than half of the window.
+    """
+    forces: list[tuple[float, float, float]] = []
+    electrode: list[ElectrodeReading] = []
+    wanted = READINGS if setting.driven and setting.frequency_hz > 0.0 else 0
+    begin_s, reading_s = bench.time_s, 0.0
+    while (elapsed_s := bench.time_s - begin_s) < plan.average_s - 0.5 * READING_S:
+        _slide(bench, READING_S, setting)
+        force = bench.read_force()
+        if force.saturated:
+            raise HapticError("saturated", f"the force sensor is at the end of its range ({force})", "Lower load")
+        forces.append((force.time_s, force.lateral_force_n, force.normal_force_n))
+        due = len(electrode) < wanted * elapsed_s / plan.average_s and reading_s <= 0.5 * elapsed_s
+        if due and (plan.settle_s + elapsed_s) * setting.frequency_hz >= 1.0:
+            before_s = bench.time_s
+            reading = _electrode(bench, setting)
+            reading_s += bench.time_s - before_s
+            electrode += [] if reading is None else [reading]
+            wanted = 0 if reading is None else wanted
+    if len(forces) < LEAST_READINGS:
+        said = f"only {len(forces)} force readings in {plan.average_s:g} s, {LEAST_READINGS} are needed"
+        raise HapticError("too_few_readings", said, "Raise the plan's average_s; is the computer busy?")
+    return np.array(forces), electrode
+
+
 def _electrode(bench: Bench, setting: Setting) -> ElectrodeReading | None:
-    """The electrode's voltage and current at the end of the window, where a monitor tells its carrier."""
-    if not setting.driven or setting.frequency_hz == 0.0:
-        return None
-    bench.rig.hold(bench.time_s)
+    """The electrode's voltage and current now, where a monitor tells the carrier."""
     try:
         return bench.read_electrode(setting)
     except DeviceError as error:
         raise HapticError(error.code, f"the electrode's monitor, at {setting}: {error.message}", error.hint) from error
-
-
-def _window(bench: Bench, average_s: float, setting: Setting) -> Array:
-    """Time, lateral and normal force [n, 3] of a window of `average_s`."""
-    readings: list[tuple[float, float, float]] = []
-    end_s = bench.time_s + average_s - 0.5 * READING_S
-    while bench.time_s < end_s:
-        _slide(bench, READING_S, setting)
-        reading = bench.read_force()
-        if reading.saturated:
-            raise HapticError("saturated", f"the force sensor is at the end of its range ({reading})", "Lower load")
-        readings.append((reading.time_s, reading.lateral_force_n, reading.normal_force_n))
-    if len(readings) < LEAST_READINGS:
-        said = f"only {len(readings)} force readings in {average_s:g} s, {LEAST_READINGS} are needed"
-        raise HapticError("too_few_readings", said, "Raise the plan's average_s; is the computer busy?")
-    return np.array(readings)
 
 
 def _slide(bench: Bench, dt_s: float, setting: Setting) -> None:

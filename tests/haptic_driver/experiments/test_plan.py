@@ -193,10 +193,10 @@ def test_what_has_a_time_begins_when_it_is_due(tmp_path: Path) -> None:
         if row.setting.time_s is not None:
             clock_s = max(clock_s, plan.begin_s(row.setting))
             began[row.setting] = clock_s
-        clock_s += plan.row_s(row.setting)
+        clock_s += plan.row_s
     for setting, begin_s in began.items():
         if setting.normal_force_n == 0.25:  # the first of the two with the same time
-            assert begin_s - plan.begin_s(setting) == pytest.approx(0.0, abs=plan.row_s(setting))
+            assert begin_s - plan.begin_s(setting) == pytest.approx(0.0, abs=plan.row_s)
     assert [s.time_s for s in began] == [5.0, 5.0, 20.0, 20.0, 600.0, 600.0]
 
 
