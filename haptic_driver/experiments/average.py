@@ -37,26 +37,30 @@ def average(time_s: Array, lateral_n: Array, normal_n: Array) -> Measured:
 
 
 def mean_reading(readings: Sequence[ElectrodeReading]) -> ElectrodeReading | None:
-    """The mean of n readings; None of none.
+    """The mean of n readings; None of none, and of a monitor that shows nothing at all.
 
-    Its error is that of the readings, or what their scatter implies where that is more: then the touch itself changed.
+    The errors of amount and phase are those of the readings, or what their scatter implies where that is more: then the
+    touch itself changed.
     """
-    if not readings:
+    if not all(reading.voltage_v and reading.current_a for reading in readings) or not readings:
         return None
-    n = len(readings)
-
-    def mean(values: Sequence[complex], stds: Sequence[float]) -> tuple[complex, float]:
-        middle = complex(np.mean(values))
-        stated = sqrt(float(np.mean(np.square(stds))) / n)
-        scatter = sqrt(float(np.sum(np.abs(np.array(values) - middle) ** 2)) / (2 * (n - 1) * n)) if n > 1 else 0.0
-        return middle, max(stated, scatter)
-
-    voltage_v, voltage_std_v = mean([r.voltage_v for r in readings], [r.voltage_std_v for r in readings])
-    current_a, current_std_a = mean([r.current_a for r in readings], [r.current_std_a for r in readings])
-    second_a, third_a = (float(np.mean([getattr(r, name) for r in readings])) for name in ("second_a", "third_a"))
+    voltage_v, voltage_std, voltage_phase_std_rad = _mean([(r.voltage_v, r.voltage_std_v) for r in readings])
+    current_a, current_std, current_phase_std_rad = _mean([(r.current_a, r.current_std_a) for r in readings])
     return ElectrodeReading(
-        voltage_v, voltage_std_v, current_a, current_std_a, second_a, third_a, readings[0].referenced
-    )
+        voltage_v, voltage_std * abs(voltage_v), current_a, current_std * abs(current_a),
+        float(np.mean([r.second_a for r in readings])), float(np.mean([r.third_a for r in readings])),
+        readings[0].referenced, voltage_phase_std_rad, current_phase_std_rad,
+    )  # fmt: skip
+
+
+def _mean(parts: Sequence[tuple[complex, float]]) -> tuple[complex, float, float]:
+    """Mean of phasors with their errors, and the standard errors of its amount, relative, and of its phase."""
+    phasors, stds = (np.array(column) for column in zip(*parts, strict=True))
+    n, mean = len(parts), complex(np.mean(phasors))
+    stated = sqrt(float(np.mean(stds**2)) / n) / abs(mean)
+    off = phasors / mean - 1.0
+    scatter = [sqrt(float(np.sum(part**2)) / ((n - 1) * n)) if n > 1 else 0.0 for part in (off.real, off.imag)]
+    return mean, max(stated, scatter[0]), max(stated, scatter[1])
 
 
 def standard_error(series: Array) -> float:

@@ -53,15 +53,18 @@ class Bench(Protocol):
 
 @dataclass(frozen=True)
 class Scatter:
-    """How a simulated finger's friction varies, relative to the model's; judged, of the size seen on real fingers.
+    """How a simulated finger varies, relative to its model; judged, of the size seen on real fingers.
 
     `session_gain`: standard deviation of the factor that a session's finger has on all its friction. `wobble`: standard
     deviation of friction while sliding, forgotten exponentially over `wobble_s`: ridges, stick-slip, tremor.
+    `session_area` and `area_wobble` are the same for the touch's own current, which goes with the area of contact.
     """
 
     session_gain: float = 0.05
     wobble: float = 0.10
     wobble_s: float = 0.010
+    session_area: float = 0.02
+    area_wobble: float = 0.02
 
 
 class SimulatedBench:
@@ -88,7 +91,7 @@ class SimulatedBench:
         config = config.model_copy(update={"simulation": simulation})
         self.simulated = SimulatedRig(config, model, friction=friction, electrode=electrode)
         self._time_s = 0.0
-        self._session_gain = 1.0
+        self._session_gain = self._session_area = 1.0
         self._wobble = 0.0
         self._random = np.random.default_rng(self._seed)
 
@@ -104,8 +107,9 @@ class SimulatedBench:
 
     def begin_session(self, session: int, time_s: float) -> None:
         """See `Bench`."""
-        draw = float(np.random.default_rng([*self._seed, 1, session]).standard_normal())
-        self._session_gain = exp(self._scatter.session_gain * draw)
+        friction, area = np.random.default_rng([*self._seed, 1, session]).standard_normal(2).tolist()
+        self._session_gain = exp(self._scatter.session_gain * friction)
+        self._session_area = exp(self._scatter.session_area * area)
         self.simulated.instruments.plant.time_s = time_s
 
     def begin_row(self, number: int, row: Row) -> None:
@@ -118,6 +122,7 @@ class SimulatedBench:
         kept = exp(-dt_s / self._scatter.wobble_s)
         self._wobble = kept * self._wobble + sqrt(1.0 - kept * kept) * float(self._random.standard_normal())
         self.simulated.instruments.finger_gain = self._session_gain * (1.0 + self._scatter.wobble * self._wobble)
+        self.simulated.touch_gain = self._session_area * (1.0 + self._scatter.area_wobble * self._wobble)
         self.simulated.step(dt_s, normal_force_n, speed_m_s)
         self._time_s += dt_s
 

@@ -163,11 +163,11 @@ def _setting_texts(row: Row) -> list[str]:
 def _electrode_texts(reading: ElectrodeReading) -> dict[str, str]:
     """By column. Phases count from the generator's output; the electrode's own is left empty where nobody looked."""
     texts: dict[str, str] = {}
-    for name, unit, phasor, std in (
-        ("electrode_voltage", "v", reading.voltage_v, reading.voltage_std_v),
-        ("current", "a", reading.current_a, reading.current_std_a),
+    for name, unit, phasor, std, phase_std_rad in (
+        ("electrode_voltage", "v", reading.voltage_v, reading.voltage_std_v, reading.voltage_phase_std_rad),
+        ("current", "a", reading.current_a, reading.current_std_a, reading.current_phase_std_rad),
     ):
-        phase_std_rad = min(std / abs(phasor), UNKNOWN_PHASE_RAD) if phasor else UNKNOWN_PHASE_RAD
+        phase_std_rad = min(phase_std_rad if isfinite(phase_std_rad) else std / abs(phasor), UNKNOWN_PHASE_RAD)  # noqa: PLW2901
         texts |= {
             f"{name}_{unit}": _text(abs(phasor)),
             f"{name}_std_{unit}": _text(std, digits=4),

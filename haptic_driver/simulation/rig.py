@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from math import pi
 from typing import Self
 
 from haptic_driver.rig.config import RigConfig
@@ -32,7 +33,8 @@ class SimulatedRig:
     `rig` is what a driver sees, `instruments` what lies behind; `instruments.amplifier` keeps the record of what really
     was at the electrode. `friction` and `electrode`: any functions instead of the model's with the effects that the
     rig's configuration hides; friction without the other leaves nothing to read at the electrode. `wrap`: see
-    `SimulatedInstruments`. `through` may put something around the driver's transport, such as a wire log.
+    `SimulatedInstruments`. `through` may put something around the driver's transport, such as a wire log. `touch_gain`
+    multiplies the current of the model's touch, beside the stray one.
     """
 
     def __init__(
@@ -48,6 +50,8 @@ class SimulatedRig:
         self.instruments = SimulatedInstruments(config, friction or friction_of(finger), wrap=wrap)
         self.amplifier = self.instruments.amplifier
         self._electrode = electrode if friction else electrode_of(finger, stray_f)
+        self._stray_f = None if friction else stray_f + finger.description.values.stray_capacitance_f
+        self.touch_gain = 1.0
         self._config, self._monitors = config, electrode_monitors(config, self._electrode_state)
         transport = TcpTransport.from_resource(self.instruments.generator_server.resource)
         self._force = _SteppedForceSensor(self.instruments)
@@ -71,9 +75,12 @@ class SimulatedRig:
         instruments, plant = self.instruments, self.instruments.plant
         frequency_hz, voltage_v, *bias = instruments.stimulus()
         told = () if tuple(bias) == SINE_WITHOUT_BIAS else bias
-        return self._electrode(
-            frequency_hz, voltage_v, plant.normal_force_n, instruments.speed_m_s, plant.time_s, *told
-        )
+        condition = frequency_hz, voltage_v, plant.normal_force_n, instruments.speed_m_s, plant.time_s
+        state = self._electrode(*condition, *told)
+        if state is None or self._stray_f is None:
+            return state
+        stray_a = 2j * pi * frequency_hz * self._stray_f * state.voltage_v
+        return state._replace(current_a=stray_a + self.touch_gain * (state.current_a - stray_a))
 
     def __enter__(self) -> Self:
         """Serve the instruments."""

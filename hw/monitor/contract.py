@@ -11,7 +11,8 @@ class ElectrodeReading(NamedTuple):
     """Voltage and current at the electrode at one frequency: peak phasors, and standard deviations of each part.
 
     Phases count from the generator's output if `referenced`, else from the electrode's voltage, whose own phase then is
-    0 and means nothing. `second_a` and `third_a` are the current's harmonics, peak; NaN where they cannot be told.
+    0 and means nothing. A phase's own standard deviation is NaN where it is that of a part over the amount. `second_a`
+    and `third_a` are the current's harmonics, peak; NaN where they cannot be told.
     """
 
     voltage_v: complex
@@ -21,6 +22,8 @@ class ElectrodeReading(NamedTuple):
     second_a: float = nan
     third_a: float = nan
     referenced: bool = True
+    voltage_phase_std_rad: float = nan
+    current_phase_std_rad: float = nan
 
 
 def nothing() -> None:

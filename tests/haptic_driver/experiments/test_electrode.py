@@ -48,7 +48,9 @@ def plan_of(folder: Path, text: str) -> Plan:
 
 
 def measured(experiment: Experiment, out: Path) -> SimulatedBench:
-    bench = SimulatedBench(experiment.config, experiment.model, seed=1, scatter=Scatter(0.0, 0.02))
+    bench = SimulatedBench(
+        experiment.config, experiment.model, seed=1, scatter=Scatter(0.0, 0.02, area_wobble=0.0, session_area=0.0)
+    )
     with DataFile.create(out, experiment.identity()) as data, bench:
         run(experiment, bench, data)
     return bench
@@ -237,3 +239,16 @@ def test_the_amplifier_stays_off_while_the_meter_sweeps(config: RigConfig, model
         measured = float(row["current_a"]) / float(row["electrode_voltage_v"])
         assert measured == pytest.approx(abs(admittance), rel=5e-3)
         assert float(row["current_phase_rad"]) == pytest.approx(np.angle(admittance), abs=5e-3)
+
+
+def test_the_touchs_own_current_scatters_and_says_so(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+    """Three per cent of wobble in five readings, some of it stray current that does not wobble."""
+    plan = plan_of(tmp_path, ONE + "average_s = 0.5\npause_s = 0.0\nsettle_s = 0.1\nrepeats = 40\n")
+    experiment = prepare(config, model, plan)
+    bench = SimulatedBench(config, model, seed=1, scatter=Scatter(0.0, 0.02, session_area=0.0, area_wobble=0.03))
+    with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
+        run(experiment, bench, data)
+    rows = table(tmp_path / "data.csv")
+    current, std = (np.array([float(row[name]) for row in rows]) for name in ("current_a", "current_std_a"))
+    assert np.std(current) / np.mean(current) == pytest.approx(0.03 / np.sqrt(5), rel=0.4)
+    assert np.sqrt(np.mean(std**2)) == pytest.approx(np.std(current), rel=0.4)
