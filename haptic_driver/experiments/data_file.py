@@ -38,6 +38,7 @@ COLUMNS = (
     "voltage_offset_v", "waveform", "finger", *ELECTRODE_COLUMNS, "kramers_kronig", "measured_normal_force_n",
     "simulated",
 )  # fmt: skip
+FINEST = 1e-5  # of an amount, or rad: no monitor's figures are known better
 UNKNOWN_PHASE_RAD = pi / sqrt(3.0)  # standard deviation of a phase of which nothing is known
 HINT = "Give another --out, or --force to overwrite it"
 
@@ -167,12 +168,12 @@ def _electrode_texts(reading: ElectrodeReading) -> dict[str, str]:
         ("electrode_voltage", "v", reading.voltage_v, reading.voltage_std_v, reading.voltage_phase_std_rad),
         ("current", "a", reading.current_a, reading.current_std_a, reading.current_phase_std_rad),
     ):
-        phase_std_rad = min(phase_std_rad if isfinite(phase_std_rad) else std / abs(phasor), UNKNOWN_PHASE_RAD)  # noqa: PLW2901
+        own_rad = phase_std_rad if isfinite(phase_std_rad) else std / abs(phasor)
         texts |= {
             f"{name}_{unit}": _text(abs(phasor)),
-            f"{name}_std_{unit}": _text(std, digits=4),
+            f"{name}_std_{unit}": _text(max(std, FINEST * abs(phasor)), digits=4),
             f"{name}_phase_rad": _text(cmath.phase(phasor)),
-            f"{name}_phase_std_rad": _text(phase_std_rad, digits=4),
+            f"{name}_phase_std_rad": _text(min(max(own_rad, FINEST), UNKNOWN_PHASE_RAD), digits=4),
         }
     if not reading.referenced:
         texts |= {"electrode_voltage_phase_rad": "", "electrode_voltage_phase_std_rad": ""}

@@ -30,7 +30,7 @@ from hw.monitor.contract import ElectrodeReading
 from model.touch_model import TouchModel
 
 READING_S = 0.005  # between force readings; longer where sensor or output take longer
-READINGS = 5  # of the electrode in a window
+READINGS = 10  # of the electrode in a window
 LEAST_READINGS = 40  # in a window: fewer say nothing of their own scatter
 ATTEMPTS = 3  # at a row whose load was missed
 SETTLING_STEP_S = 0.05  # while waiting nothing is read

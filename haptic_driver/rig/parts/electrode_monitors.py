@@ -43,7 +43,7 @@ class SimulatedElectrodeMonitorConfig(SomeElectrodeMonitor):
 
     kind: Literal["simulated"]
     sample_rate_hz: Positive
-    record_s: Seconds = 0.2
+    record_s: Seconds = 0.1
     buffer_s: Seconds = 2.0
     range_v: Positive = 10.0
     resolution_v: Positive = 20.0 / 2**16
@@ -76,7 +76,7 @@ class CardElectrodeMonitorConfig(SomeElectrodeMonitor):
 
     kind: Literal["card"]
     reference: str | None = None
-    record_s: Seconds = 0.2
+    record_s: Seconds = 0.1
     resolution_v: NotNegative = 0.0
     conversion_interval_s: Annotated[FiniteFloat, Field(ge=0.0, le=1e-3)] = 0.0
 
