@@ -23,6 +23,7 @@ from haptic_driver.rig.devices import analog_inputs, generator_settings, generat
 from haptic_driver.rig.evidence import MONITOR_QUIET_V
 from haptic_driver.rig.part import NO_WATCHDOG, Vouched
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
+from haptic_driver.rig.parts.electrode_monitors import E4980AConfig, InfiniiVisionConfig
 from haptic_driver.rig.parts.finger_trackers import (
     EvdevFingerConfig,
     NoFingerTracker,
@@ -90,6 +91,7 @@ def examine(config: RigConfig, today: datetime.date) -> list[Check]:
         *_resources(),
         *_generator(config),
         *_amplifier(config),
+        *_electrode_monitors(config),
         *_interlock(config),
         *_force_sensor(config),
         *_stage(config),
@@ -279,6 +281,22 @@ def _monitors(config: RigConfig) -> Checks:
             yield _failed("voltage monitor", said, "something drives it")
         yield _unverified("monitor scale", "needs a voltage", "compare one low voltage with a probe")
     yield from failed
+
+
+def _electrode_monitors(config: RigConfig) -> Checks:
+    """Instruments are asked who they are; what they would read needs a voltage."""
+    for section in config.electrode_monitors:
+        name = f"electrode monitor, {section.kind}"
+        if not isinstance(section, InfiniiVisionConfig | E4980AConfig):
+            yield _unverified(name, "needs a voltage", "a resistor in the finger's place must read as one throughout")
+            continue
+        transport = make_transport(section.resource, visa_backend=section.visa_backend)
+        with _failures(name, transport) as failed:
+            transport.open()
+            said = transport.query(b"*IDN?\n", section.reply_timeout_s).decode("ascii", errors="replace").strip()
+            is_one = re.fullmatch(section.identity, (said + ",,").split(",")[1].strip())
+            yield _ok(name, said) if is_one else _failed(name, f"{said!r} is no {section.kind}", "check its address")
+        yield from failed
 
 
 def _interlock(config: RigConfig) -> Checks:

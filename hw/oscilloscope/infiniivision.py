@@ -20,7 +20,7 @@ from hw.monitor.lines import MonitorLines, Record, electrode_reading
 from hw.monitor.scpi_line import ScpiLine
 from hw.transport.contract import Transport
 
-MODEL = re.compile(r"[DM]SO-?X ?\d{4}[A-Z]*|MSOX?\d{4}[A-Z]*|DSOX?\d{4}[A-Z]*")
+MODEL = re.compile(r"[DM]SO-?X ?\d{4}[A-Z]*")
 PERIODS = 20  # of the carrier in a record
 LEAST_RANGE_V, MOST_RANGE_V = 0.016, 40.0  # full scale of a channel
 FULL, FAINT = 0.9, 0.2  # of the range: beyond it the signal may be cut, below it drowns in steps

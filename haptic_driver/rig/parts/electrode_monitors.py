@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from hw.oscilloscope.infiniivision import InfiniiVision
 
 
+INFINIIVISION_MODELS = r"[DM]SO-?X ?\d{4}[A-Z]*"  # the second field of *IDN?
+
+
 class SomeElectrodeMonitor(PartSection):
     """What every kind says: which carriers it tells. Where the card decides, `highest_hz` is 0.
 
@@ -102,6 +105,8 @@ def make_card(section: CardElectrodeMonitorConfig, wiring: Wiring) -> Part[Sampl
 class InfiniiVisionConfig(SomeElectrodeMonitor):
     """A Keysight InfiniiVision oscilloscope on the monitor lines; the generator's Sync triggers it at EXT."""
 
+    identity: ClassVar[str] = INFINIIVISION_MODELS
+
     kind: Literal["infiniivision"]
     resource: Resource
     visa_backend: str = "@py"
@@ -149,6 +154,7 @@ class E4980AConfig(SomeElectrodeMonitor):
     """
 
     drives: ClassVar[bool] = True
+    identity: ClassVar[str] = "E4980AL?"
 
     kind: Literal["e4980a"]
     resource: Resource

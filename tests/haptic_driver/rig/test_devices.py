@@ -116,6 +116,9 @@ samples_per_reading = 10
 samples_per_bias = 100
 normal_axis = "-z"
 lateral_axis = "x"
+[[electrode_monitors]]
+kind = "card"
+conversion_interval_s = 5e-6
 [watchdog]
 generator = "none"
 """
@@ -128,7 +131,7 @@ class Card:
     loaded = False
 
     def __init__(self, channels, *, sample_rate_hz, **rest):
-        self.channels, self.rate_hz, self.rest = tuple(channels), sample_rate_hz, rest
+        self.channels, self.sample_rate_hz, self.buffer_s = tuple(channels), sample_rate_hz, rest["buffer_s"]
         self.opened = self.closed = 0
         Card.made.append(self)
 
@@ -139,10 +142,13 @@ class Card:
         self.closed += 1
 
     def columns(self, names):
-        return _Columns(self, [self.channels.index(name) for name in names])
+        return _Columns(self, self.places(names))
+
+    def places(self, names):
+        return [self.channels.index(name) for name in names]
 
     def latest_v(self, count):
-        time_s = np.arange(count) / self.rate_hz
+        time_s = np.arange(count) / self.sample_rate_hz
         gauges_v = np.tile([0.3, 0.0, -0.5, 0.0, 0.0, 0.0], (count, 1)) * self.loaded + 0.1
         monitors_v = np.outer(np.sin(2.0 * np.pi * 250.0 * time_s), [0.8, 0.02])
         return np.hstack([gauges_v, monitors_v])
@@ -182,6 +188,12 @@ def test_gauges_and_monitors_share_one_task_and_monitors_tell_the_peak(tmp_path,
         pytest.fail("connected under voltage")
     assert card.closed == 1
     monkeypatch.setattr(Card, "loaded", True)
+    (monitor,) = devices.electrode_monitors
+    electrode = monitor.read(250.0, 80.0)
+    assert not electrode.referenced  # the generator is on no channel
+    assert electrode.voltage_v == pytest.approx(80.0, rel=1e-4)  # its bandwidth of 1 MHz taken out
+    # 20 mV at 500 V/A; a channel later by 5 us, so the same phase on both lines is an earlier current
+    assert electrode.current_a == pytest.approx(4e-5 * np.exp(-2j * np.pi * 250.0 * 5e-6), rel=1e-4)
     devices.force_sensor.take_bias()
     monkeypatch.setattr(Card, "loaded", False)
     reading = devices.force_sensor.read()

@@ -10,9 +10,13 @@ from haptic_driver.rig import config as rig_config_module
 from haptic_driver.rig import devices, doctor
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.doctor import Status, examine
+from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
 from haptic_driver.simulation.served import ServedRig, as_real
 from hw.errors import DeviceError
 from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.monitor.lines import MonitorLines
+from hw.monitor.simulated import SimulatedLines
+from hw.oscilloscope.simulated import SimulatedInfiniiVision
 from hw.serving.tcp import TcpServer
 from tests.haptic_driver.stand_ins import Heard
 
@@ -79,6 +83,18 @@ def test_what_somebody_left_on_is_told(rig_config, served):
     assert found(checks, "output").status is Status.WARNING
     assert found(checks, "load setting").status is Status.OK
     assert served.generator.handle(b"OUTP?\n") == b"1\n"  # it is somebody else's
+
+
+@pytest.mark.parametrize(("answers", "status"), [(True, Status.OK), (False, Status.FAILED)])
+def test_the_electrodes_monitors_are_asked_who_they_are(rig_config, served, answers, status):
+    scope = SimulatedInfiniiVision(SimulatedLines(lambda: None, MonitorLines(0.01, 500.0), (0.0, 0.0), 1))
+    with TcpServer(scope if answers else Stranger()) as server:
+        section = InfiniiVisionConfig(kind="infiniivision", resource=server.resource)
+        real = as_real(rig_config, served.endpoints).model_copy(update={"electrode_monitors": [section]})
+        check = found(examine(real, TODAY), "electrode monitor, infiniivision")
+    assert check.status is status
+    assert ("DSO-X" if answers else "4711") in check.message
+    assert scope.handle(b":CHAN1:RANG?\n") == b"4.000000E+01\n"  # nothing was set
 
 
 class Stranger:
