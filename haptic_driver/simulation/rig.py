@@ -52,7 +52,8 @@ class SimulatedRig:
         self._electrode = electrode if friction else electrode_of(finger, stray_f)
         self._stray_f = None if friction else stray_f + finger.description.values.stray_capacitance_f
         self.touch_gain = 1.0
-        self._config, self._monitors = config, electrode_monitors(config, self._electrode_state)
+        self._seen: ElectrodeState | None = None  # what the monitors look at
+        self._config, self._monitors = config, electrode_monitors(config, lambda: self._seen)
         transport = TcpTransport.from_resource(self.instruments.generator_server.resource)
         self._force = _SteppedForceSensor(self.instruments)
         lines = Wiring(enable=self.amplifier, voltage_monitor=self.amplifier)
@@ -65,7 +66,8 @@ class SimulatedRig:
     def read_electrode(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading | None:
         """What the first monitor that tells this carrier reads now; None without one, or where nothing is known."""
         i = self._config.electrode_monitor(frequency_hz)
-        if i is None or self._electrode_state() is None:
+        self._seen = None if i is None else self._electrode_state()
+        if i is None or self._seen is None:
             return None
         return self._monitors[i].read(frequency_hz, voltage_v)
 
