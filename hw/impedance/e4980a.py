@@ -79,7 +79,8 @@ class E4980A:
         alive()
         try:
             self._line.tell(f":FREQ:CW {frequency_hz:.9g}", f":VOLT:LEV {voltage_v / sqrt(2.0):.6g}")
-            self._line.tell("*TRG")
+            self._line.tell(":TRIG:IMM")  # not *TRG, which answers by itself
+            self._line.numbers("*OPC?", 1)
             resistance, reactance, status, *_ = self._line.numbers(":FETC:IMP:FORM?", 3)
             rms_v = self._line.numbers(":FETC:SMON:VAC?", 1)[0]
         finally:

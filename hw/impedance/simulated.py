@@ -31,6 +31,7 @@ class SimulatedE4980A:
             self._scpi.command(header, lambda _: None)
         self._scpi.command("FUNCtion:IMPedance[:TYPE]", lambda a: setattr(self, "_type", a[0]), lambda _: self._type)
         self._scpi.command("TRIGger:SOURce", lambda a: setattr(self, "_source", a[0]), lambda _: self._source)
+        self._scpi.command("TRIGger[:IMMediate]", lambda _: self._measure())
         self._scpi.command("FETCh[:IMPedance][:FORMatted]", query=lambda _: self._fetch())
         self._scpi.command("FETCh:SMONitor:VAC", query=lambda _: f"{self.voltage_v / sqrt(2.0):+.6E}")
 
@@ -42,10 +43,11 @@ class SimulatedE4980A:
 
     def handle(self, data: bytes) -> bytes:
         """Carry out complete SCPI messages and return their answers."""
-        return self._scpi.handle(data.replace(b"*TRG", b""))  # each fetch measures anew
+        return self._scpi.handle(data)
 
     def _reset(self) -> None:
         self._rms_v, self._frequency_hz, self._type, self._source = 1.0, 1e3, "CPD", "INT"
+        self._measured: complex | None = None
 
     def _executed(self) -> None:
         self.highest_v = max(self.highest_v, self.voltage_v)
@@ -62,9 +64,13 @@ class SimulatedE4980A:
             raise ScpiError(-222)
         self._frequency_hz = value
 
-    def _fetch(self) -> str:
-        if self._type.upper() != "RX" or self._source.upper() != "BUS":
+    def _measure(self) -> None:
+        if self._source.upper() != "BUS":
             raise ScpiError(-221)
         impedance = self._impedance_ohm(self._frequency_hz)
-        impedance += NOISE * abs(impedance) * complex(*self._random.standard_normal(2))
-        return f"{impedance.real:+.6E},{impedance.imag:+.6E},+0"
+        self._measured = impedance + NOISE * abs(impedance) * complex(*self._random.standard_normal(2))
+
+    def _fetch(self) -> str:
+        if self._type.upper() != "RX" or self._measured is None:
+            raise ScpiError(-221)
+        return f"{self._measured.real:+.6E},{self._measured.imag:+.6E},+0"

@@ -17,6 +17,7 @@ from hw.amplifier.analog import AmplifierState
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.errors import DeviceTimeout
 from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.generator.settings import Shape
 from hw.safety.interlock import HeartbeatInterlock
 from hw.safety.simulated_interlock import SimulatedInterlock
 from tests.clock import ManualClock
@@ -130,6 +131,40 @@ def test_a_carrier_that_the_monitors_alias_is_refused_but_for_a_voltage_that_rea
     assert rig_config.operating_limits().frequency_high_hz == 1e6
     narrow = rig_config.model_copy(update={"analog_inputs": card, "amplifier": amplifier}).operating_limits()
     assert narrow.frequency_high_hz == 8e3  # the controller looks no further
+
+
+def test_a_bias_rises_with_the_amplitude_and_counts_for_the_peak(bench):
+    bench.rig.command(0.0, on(60.0), -40.0)
+    output = bench.generator.output()
+    assert (output.amplitude_v, output.offset_v) == pytest.approx((0.6, -0.4), rel=1e-3)
+    assert bench.voltage_v == pytest.approx(100.0, rel=1e-3)
+    bench.rig.hold(0.4)
+    bench.rig.hold(0.8)  # the monitor, which reads the peak, contradicts nothing
+    assert bench.rig.state is RigState.ON
+
+
+def test_another_waveform_reaches_the_electrode(bench):
+    bench.rig.command(0.0, on(60.0), 0.0, Shape.SQUARE)
+    assert (bench.generator.output().shape, bench.voltage_v) == (Shape.SQUARE, pytest.approx(60.0, rel=1e-3))
+    bench.rig.off()
+    bench.rig.command(1.0, on(60.0), 0.0, Shape.DC)
+    assert (bench.generator.output().shape, bench.voltage_v) == (Shape.DC, pytest.approx(60.0, rel=1e-3))
+
+
+@pytest.mark.parametrize(
+    ("voltage_v", "offset_v", "shape", "said"),
+    [
+        (60.0, 40.1, Shape.SINE, "a direct voltage of 40.1 V is beyond 40 V"),
+        (40.1, 0.0, Shape.DC, "a direct voltage of 40.1 V is beyond 40 V"),
+        (120.0, -39.0, Shape.SINE, "159 V at 250 Hz is beyond 150 V"),
+    ],
+)
+def test_a_direct_voltage_or_a_peak_beyond_the_limits_never_comes_on(rig_config, voltage_v, offset_v, shape, said):
+    limits = rig_config.limits.model_copy(update={"direct_voltage_v": 40.0})
+    bench = Bench(rig_config.model_copy(update={"limits": limits}))
+    with pytest.raises(HapticError, match=said):
+        bench.rig.command(0.0, on(voltage_v), offset_v, shape)
+    assert bench.amplifier.max_voltage_v == 0.0
 
 
 def test_set_points_are_coalesced_to_the_newest_of_each_interval(bench):
