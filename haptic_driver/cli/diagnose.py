@@ -11,7 +11,7 @@ from rich.text import Text
 from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
-from haptic_driver.experiments.plan import Setting, write_plan
+from haptic_driver.experiments.plan import LONGEST_S, Setting, write_plan
 from haptic_driver.files import bad_input, writing
 from haptic_driver.surface.models import load_model
 from model.diagnosis.data import read_measurements, together
@@ -55,7 +55,10 @@ def _write_next_plan(steps: Sequence[Mapping[str, Any]], path: Path) -> Path | N
     for step in steps:
         speed_m_s = step.get("speed_m_s", SPEED_REFERENCE_M_S)  # of data that do not say how fast they were
         if step["kind"] == "setting" and speed_m_s > 0.0:  # a held finger is no slide
-            settings.append(Setting(step["frequency_hz"] or 0.0, step["voltage_v"], step["normal_force_n"], speed_m_s))
+            told = (step["frequency_hz"] or 0.0, step["voltage_v"], step["normal_force_n"], speed_m_s)
+            time_s = step.get("time_s")
+            due_s = time_s if time_s is not None and 0.0 <= time_s <= LONGEST_S else None
+            settings.append(Setting(*told, step.get("voltage_offset_v") or 0.0, time_s=due_s))
     if not settings:
         path.unlink(missing_ok=True)
         return None

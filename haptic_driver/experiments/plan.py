@@ -18,6 +18,7 @@ from haptic_driver.files import write_text
 from model.conditions import UNDRIVEN_HZ
 
 MOST_ROWS = 100_000
+LONGEST_S = 86400.0  # of a session
 
 
 # One number or a list of them.
@@ -28,7 +29,7 @@ Loads = Annotated[list[Annotated[FiniteFloat, Field(ge=0.01, le=20.0)]], *_SOME]
 Speeds = Annotated[list[Annotated[FiniteFloat, Field(ge=1e-4, le=1.0)]], *_SOME]
 Offsets = Annotated[list[Annotated[FiniteFloat, Field(ge=-1000.0, le=1000.0)]], *_SOME]
 Waveforms = Annotated[list[Literal["sine", "square", "dc"]], *_SOME]
-Times = Annotated[list[Annotated[FiniteFloat, Field(ge=0.0, le=86400.0)]], *_SOME]
+Times = Annotated[list[Annotated[FiniteFloat, Field(ge=0.0, le=LONGEST_S)]], *_SOME]
 Fingers = Annotated[list[Literal["sliding", "resting", "none"]], *_SOME]
 
 
