@@ -268,8 +268,12 @@ def write_plan(path: Path, name: str, about: str, settings: Sequence[Setting], r
     """A plan's file with `settings` as they stand, which `load_plan` reads; HapticError when it cannot be written."""
     lines = [f"name = {json.dumps(name)}", f"about = {json.dumps(about)}", f"repeats = {repeats}"]
     for setting in settings:
-        block = setting._asdict()
-        block["frequency_hz"] = setting.frequency_hz if setting.voltage_v > 0.0 else UNDRIVEN_HZ
-        told = {key: value for key, value in block.items() if value != Setting._field_defaults.get(key)}
-        lines += ["", "[[points]]", *(f"{key} = {json.dumps(value)}" for key, value in told.items())]
+        told = setting._asdict() | {"frequency_hz": setting.frequency_hz or UNDRIVEN_HZ}
+        if setting.sweep:
+            kind = "sweep"
+            told = {key: told[key] for key in Sweep.model_fields if told[key]}
+        else:
+            kind = "points"
+            told = {key: value for key, value in told.items() if value != Setting._field_defaults.get(key)}
+        lines += ["", f"[[{kind}]]", *(f"{key} = {json.dumps(value)}" for key, value in told.items())]
     write_text(path, "\n".join(lines) + "\n")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.experiments.plan import Plan, Setting, load_plan
+from haptic_driver.experiments.plan import Plan, Setting, load_plan, write_plan
 
 GRID = """
 name = "grid"
@@ -216,3 +216,19 @@ def test_a_bad_sweep_names_its_key(tmp_path: Path, old: str, new: str, said: str
 
 def test_a_plan_that_measures_nothing_is_refused(tmp_path: Path) -> None:
     assert "frequency_hz" in refused(tmp_path, 'name = "nothing"').message
+
+
+def test_a_written_plan_is_the_same_plan(tmp_path: Path) -> None:
+    settings = (
+        Setting(250.0, 75.0, 0.5, 0.02),
+        Setting(0.0, 0.0, 0.25, 0.04),
+        Setting(20.0, 30.0, 0.5, 0.02, voltage_offset_v=-40.0, time_s=30.0),
+        Setting(0.0, 30.0, 0.5, 0.02, waveform="dc"),
+        Setting(1e3, 5.0, 0.5, 0.0, finger="resting", sweep=True),
+        Setting(1e3, 5.0, 0.5, 0.02, finger="sliding", sweep=True),
+        Setting(1e4, 2.5, 0.0, 0.0, finger="none", sweep=True),
+    )
+    write_plan(tmp_path / "next.toml", "next", 'to tell "a" from b', settings, 3)
+    plan = load_plan(str(tmp_path / "next.toml"))
+    assert plan.settings == settings
+    assert (plan.name, plan.about, plan.repeats) == ("next", 'to tell "a" from b', 3)
