@@ -177,11 +177,10 @@ def measure_row(
     _require_off(evidence)
     bench.step(plan.pause_s, 0.0, 0.0)
     electrode = mean_reading(readings)
-    if setting.finger == "none":
-        return Measured(nan, nan, 0.0, float(np.mean(window[:, 0]))), electrode
-    measured = average(window[:, 0], window[:, 1], window[:, 2])
     if setting.sweep:
-        return measured._replace(cof=nan, cof_std=nan), electrode
+        load_n = 0.0 if setting.finger == "none" else float(np.mean(window[:, 2]))
+        return Measured(nan, nan, load_n, float(np.mean(window[:, 0]))), electrode
+    measured = average(window[:, 0], window[:, 1], window[:, 2])
     if not measured.valid:
         hint = "Check that the finger slides, and the force sensor's axes: both forces count positive"
         raise HapticError("no_friction", f"row {number + 1}, {setting}: measured {measured}", hint)
@@ -210,7 +209,7 @@ def _window(bench: Bench, plan: Plan, setting: Setting) -> tuple[Array, list[Ele
             reading_s += bench.time_s - before_s
             electrode += [] if reading is None else [reading]
             wanted = 0 if reading is None else wanted
-    if len(forces) < LEAST_READINGS:
+    if len(forces) < LEAST_READINGS and not setting.sweep:
         said = f"only {len(forces)} force readings in {plan.average_s:g} s, {LEAST_READINGS} are needed"
         raise HapticError("too_few_readings", said, "Raise the plan's average_s; is the computer busy?")
     return np.array(forces), electrode

@@ -225,6 +225,24 @@ class Metered(SimulatedBench):
         return self
 
 
+class SlowlyRead(SimulatedBench):
+    """Its monitor takes a second."""
+
+    def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
+        self._time_s += 1.0
+        return super().read_electrode(setting)
+
+
+def test_a_monitor_that_is_slow_leaves_a_sweep_few_forces(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+    experiment = prepare(config, model, plan_of(tmp_path, SWEEP))
+    bench = SlowlyRead(config, model, seed=1)
+    with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
+        run(experiment, bench, data)
+    rows = table(tmp_path / "data.csv")
+    assert len(rows) == 15
+    assert all(row["current_a"] for row in rows)
+
+
 def test_the_amplifier_stays_off_while_the_meter_sweeps(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
     metered = config.model_copy(update={"electrode_monitors": [E4980AConfig(**LCR)]})
     plan = plan_of(tmp_path, SWEEP.replace("[10.0, ", "["))
