@@ -21,6 +21,7 @@ from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.model_file import dielectric_entry, fitted_nuisances, model_text, program
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.space import FINGER, GAP_OFFSET, Nuisance, Predictor
+from model.diagnosis.witness import FRICTION
 from model.parameters import SPECIFICATION
 from model.support.arrays import Array
 from model.support.errors import ModelError, nearest
@@ -86,8 +87,10 @@ class Calibration:
 def calibrate(description: ModelDescription, data: Measurements, also: Sequence[str] = ()) -> Calibration:
     """Fit the finger's parameters, and those of `also` (names of `OPTIONAL`), to its data.
 
-    The priors are centred on the model's own values. ModelError where the data cannot carry a fit.
+    The priors are centred on the model's own values. Of the data only friction is used. ModelError where they cannot
+    carry a fit.
     """
+    data = data.subset(data.of(FRICTION))
     free = (*FINGER, *(_optional(name) for name in also))
     noise = noise_of(data)
     if data.count < LEAST_ROWS or not data.driven.any():

@@ -113,7 +113,11 @@ def _audit(content: Mapping[str, Any]) -> str:
     else:
         repeats = data["replicate_degrees_of_freedom"]
         checked = f", checked by {repeats} repeats" if repeats else ""
-        text += f"Noise of one row: {100.0 * data['noise_relative_std']:.2g} % (from {data['noise_source']}{checked})."
+        each = [
+            f"{BY_COLUMN[name].words} {f'{std:.2g} rad' if BY_COLUMN[name].is_phase else f'{100.0 * std:.2g} %'}"
+            for name, std in data["noise_std"].items()
+        ]
+        text += f"Noise of one row: {_and(each)} (from {data['noise_source']}{checked})."
     warnings = "".join(f'<p class="warn">Warning: {escape(w)}</p>' for w in content["warnings"])
     untested = [f"{words(e['name'])} ({e['why']})" for e in content["not_tested"]]
     missing = f'<p class="quiet">Not tested: {escape(", ".join(untested))}.</p>' if untested else ""

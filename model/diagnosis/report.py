@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 
 from model.description import ModelDescription
+from model.diagnosis.data import Measurements
 from model.diagnosis.model_file import fitted_effects, fitted_nuisances, program, write_model
 from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN
 from model.diagnosis.next_experiment import next_experiments
@@ -158,10 +159,16 @@ def _data(diagnosis: Diagnosis) -> Record:
         "sessions": len(np.unique(data.session)),
         "columns": sorted(data.columns),
         "noise_source": None if noise is None else noise.source,
-        "noise_relative_std": None if noise is None else float(np.median(noise.own_std)),
+        "noise_relative_std": None if noise is None else float(np.median(noise.own_std[data.of(data.witnesses[0])])),
+        "noise_std": {} if noise is None else _noise_by_witness(data, noise.own_std),
         "replicate_degrees_of_freedom": None if noise is None else noise.replicate_degrees,
         "hash": data.content_hash,
     }
+
+
+def _noise_by_witness(data: Measurements, own_std: Array) -> Record:
+    """Median of one observation's own, relative or in rad, by witness."""
+    return {WITNESSES[w].column: float(np.median(own_std[data.of(w)])) for w in data.witnesses}
 
 
 def _tests(scan: Disagreement) -> Record:

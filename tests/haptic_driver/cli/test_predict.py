@@ -245,3 +245,39 @@ def test_bytes_instead_of_a_table(haptic, tmp_path, content):
     done = haptic("predict", "--table", tmp_path / "table.csv", "--out", tmp_path / "out.csv")
     assert done.status == 2
     assert "is not UTF-8 text" in done.err
+
+
+def test_what_a_drive_makes_of_the_voltage_is_added(predict, tmp_path):
+    """A first-order roll-off at its cutoff: 1/sqrt(2), 45 degrees late; the current lags with it."""
+    model = tmp_path / "slow.toml"
+    effect = "\n[effects.amplifier_bandwidth]\ncutoff_hz = 1000.0\norder = 1.0\n"
+    model.write_text((MODELS / "reference.toml").read_text(encoding="utf-8") + effect, encoding="utf-8")
+    table = f"{BASE}\n1000,1,0.5\n"
+    _, _, plain = predict(table)
+    assert plain[0] == [*BASE.split(","), *ADDED]
+    _, _, rows = predict(table, "--model", str(model))
+    assert rows[0] == [*BASE.split(","), *ADDED, "electrode_voltage_v", "electrode_voltage_phase_rad"]
+    assert numbers(rows, "electrode_voltage_v") == pytest.approx([0.5**0.5], rel=1e-6)
+    assert numbers(rows, "electrode_voltage_phase_rad") == pytest.approx([-0.785398], abs=1e-4)
+    late = numbers(plain, "current_phase_rad")[0] - numbers(rows, "current_phase_rad")[0]
+    assert late == pytest.approx(0.785398, abs=1e-4)
+    assert numbers(rows, "current_a")[0] == pytest.approx(
+        0.5**0.5 * numbers(plain, "current_a")[0], rel=1e-4
+    )  # 1 V attracts a little
+
+
+def test_fingers_that_do_not_slide(predict):
+    status, _, rows = predict(f"{BASE},finger\n1000,5,0.5,sliding\n1000,5,0.5,resting\n1000,5,0.5,none\n1000,5,0.5,\n")
+    assert status == 0
+    sliding, resting, none, unsaid = numbers(rows, "current_a")
+    assert unsaid == sliding
+    assert resting > 2.0 * sliding
+    assert none == 0.0
+    assert [row[rows[0].index("cof")] == "nan" for row in rows[1:]] == [False, True, True, False]
+
+
+def test_an_unknown_finger_is_refused(predict):
+    status, said, _ = predict(f"{BASE},finger\n1000,5,0.5,slidign\n")
+    assert status == 2
+    assert "slidign" in said["error"]["message"]
+    assert "sliding" in said["error"]["hint"]

@@ -11,6 +11,7 @@ from model.analysis.calibration import calibrate, write_calibration
 from model.analysis.uncertainty import uncertain_numbers
 from model.description import read_model
 from model.diagnosis.data import Measurements, read_measurements
+from model.diagnosis.witness import CURRENT, FRICTION
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
 from tests.blind.generator import build, designs
@@ -166,3 +167,13 @@ def test_data_without_any_noise_are_refused(reference):
     data = Measurements(columns, np.zeros(n, np.intp), ("1",), None, "none")
     with pytest.raises(ModelError, match="noise"):
         calibrate(reference, data)
+
+
+def test_only_friction_is_used(reference, rich, found):
+    """Currents beside it, however wrong, change nothing."""
+    data, _ = rich
+    twice = np.tile(np.arange(data.count), 2)
+    columns = {name: values[twice] for name, values in data.columns.items()} | {"current_a": np.ones(twice.size)}
+    witness = np.repeat([FRICTION, CURRENT], data.count)
+    mixed = replace(data, columns=columns, session=data.session[twice], witness=witness, row=twice)
+    np.testing.assert_array_equal(calibrate(reference, mixed).fit.vector, found.fit.vector)

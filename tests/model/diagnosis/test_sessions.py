@@ -15,6 +15,7 @@ from model.diagnosis.data import Measurements, read_measurements
 from model.diagnosis.noise import noise_of
 from model.diagnosis.sessions import inflation, unlike_sessions
 from model.diagnosis.space import NUISANCES, Predictor
+from model.diagnosis.witness import CURRENT, FRICTION
 from model.diagnosis.workflow import diagnose
 from model.effects import BY_NAME
 from model.parameters import Parameter
@@ -124,3 +125,14 @@ def test_a_model_with_every_effect_in_it_leaves_nothing_to_test(tmp_path) -> Non
     )
     assert found.name == "not_testable"
     assert "in the model already" in found.warnings[0]
+
+
+def test_a_session_of_sweeps_is_no_worse_for_being_unlike() -> None:
+    """Three sessions of friction, one of currents that fit six times worse; of friction, such a one is found."""
+    session = np.repeat(np.arange(4), 30)
+    columns = {"voltage_v": np.ones(120), "frequency_hz": np.ones(120)}
+    left = np.random.default_rng(0).standard_normal(120)
+    left[session == 3] *= 6.0
+    data = Measurements(columns, session, tuple("abcd"), None, "", witness=np.where(session == 3, CURRENT, FRICTION))
+    assert unlike_sessions(data, left) == {}
+    assert list(unlike_sessions(replace(data, witness=None), left)) == [3]
