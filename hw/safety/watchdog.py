@@ -31,6 +31,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 from hw.errors import DeviceDisconnected, DeviceTimeout, SwitchedOff
 from hw.generator.contract import generator_kind
@@ -318,6 +319,8 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
+    with suppress(OSError):  # Linux gives each session the same share of a busy processor, unless it is told otherwise
+        Path("/proc/self/autogroup").write_text(str(os.getpriority(os.PRIO_PROCESS, 0)))
     logging.basicConfig(format="%(asctime)s watchdog: %(message)s", level=logging.INFO)
     instruments = _instruments(settings)
     silent = [instrument.resource for instrument in instruments if instrument.ask() is None]
