@@ -1,6 +1,6 @@
 """How long a tick takes in the daemon and how late it comes, also while clients load it; how soon a new target acts.
 
-An empty loop of the same scheduling runs at the same time and meets the same load.
+An empty loop of the same scheduling runs beside it for a while and meets the same load.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from haptic_driver.daemon.set_up import PERIOD_S, daemon_settings
 from haptic_driver.daemon.web.server import serve
 from haptic_driver.processes.real_time import SWITCH_INTERVAL_S
 
-UNLOADED_S, LOADED_S = 10.0, 45.0
+UNLOADED_S, LOADED_S, BESIDE_S = 10.0, 45.0, 20.0
 MARGIN_S = 5.0  # by which the load outlasts what is measured
 ROUNDS = 100
 TAKES, TAKES_RARELY, LATE = 1 / 10, 1 / 4, 1 / 5  # of a period: in the median, at 99 %; and how late, at 99.9 %
@@ -100,18 +100,19 @@ def _name(percentile: float) -> str:
 
 
 def _lateness(daemon: Daemon, token: str, empty: Path, socket: Path, page: str) -> Iterator[Claim]:
-    """Ticks and empty loop at the same time, so that both meet the same load."""
+    """Ticks under load; then once more beside an empty loop, which meets the same load and takes a share of a core."""
     load = subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.api_load", str(socket), page, token, str(LOADED_S + MARGIN_S)],
+        [sys.executable, "-m", "benchmarks.api_load", str(socket), page, token, str(LOADED_S + BESIDE_S + MARGIN_S)],
         stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert load.stdout is not None
     if not load.stdout.readline():
         raise RuntimeError("the load did not begin")
-    process = subprocess.Popen(
-        [sys.executable, "-c", EMPTY, str(round(LOADED_S / PERIOD_S)), str(empty), str(PERIOD_S)]
-    )
     samples = _watched(daemon, token, LOADED_S)
+    process = subprocess.Popen(
+        [sys.executable, "-c", EMPTY, str(round(BESIDE_S / PERIOD_S)), str(empty), str(PERIOD_S)]
+    )
+    beside = _watched(daemon, token, BESIDE_S)
     process.wait()
     told = json.loads(load.stdout.read())
     load.wait()
@@ -121,7 +122,7 @@ def _lateness(daemon: Daemon, token: str, empty: Path, socket: Path, page: str) 
     late = _share_of_period("tick lateness under load, 99.9 %", float(np.percentile(late_s, 99.9)), LATE)
     lesser = "" if honest else ", load not reached"  # then nothing is shown
     yield late._replace(measured=late.measured + lesser, holds=honest and late.holds)
-    ratio = float(np.median(late_s) / np.median(idle_s))
+    ratio = float(np.median(beside["lateness_s"]) / np.median(idle_s))
     yield Claim(
         "tick lateness under load, median, against an empty loop",
         f"{ratio:.2f} x{lesser}", f"at most {WANTED_RATIO} x", honest and ratio <= WANTED_RATIO,
@@ -130,7 +131,8 @@ def _lateness(daemon: Daemon, token: str, empty: Path, socket: Path, page: str) 
     yield Claim(f"that load, page open in {told['viewer']}", asked, f"{api_load.RATE_HZ:.0f} requests/s", honest)
     yield Claim("messages to the page meanwhile", str(told["messages"]))
     yield Claim("tick lateness under load, median and 99.9 %", _us(late_s))
-    yield Claim("the empty loop's beside it", _us(idle_s))
+    yield Claim("ticks beside an empty loop, median and 99.9 %", _us(beside["lateness_s"]))
+    yield Claim("the empty loop beside them", _us(idle_s))
     granted = "granted" if daemon.status().real_time else "NOT granted"
     yield Claim("real-time scheduling", f"{granted}, {os.cpu_count()} cores")
 

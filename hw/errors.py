@@ -47,3 +47,9 @@ class InstrumentRejected(DeviceError):
     """The instrument understood the dialogue and posted an error of its own."""
 
     code = "instrument_rejected"
+
+
+class SwitchedOff(DeviceError):
+    """What watches the output has switched it off, and allows it to come on again."""
+
+    code = "switched_off"

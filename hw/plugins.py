@@ -4,22 +4,15 @@ from __future__ import annotations
 
 from difflib import get_close_matches
 from functools import cache
-from importlib.metadata import EntryPoint, distributions
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 
 @cache
-def _all() -> tuple[EntryPoint, ...]:
-    return tuple(point for distribution in distributions() for point in distribution.entry_points)
-
-
 def installed(group: str) -> dict[str, EntryPoint]:
     """The entry points of a group by name; none of them is loaded."""
-    found: dict[str, EntryPoint] = {}
-    for point in _all():
-        if point.group == group:
-            found.setdefault(point.name, point)  # the first on the path, as for imports
-    return found
+    found = tuple(entry_points(group=group))
+    return {point.name: point for point in reversed(found)}  # as for imports, the first on the path wins
 
 
 def known(group: str, name: str, what: str) -> str:

@@ -1,8 +1,18 @@
-"""How long an example takes says what the machine had to do meanwhile, not whether the program is right."""
+"""What all tests share: how long something takes says what the machine had to do meanwhile, not whether it is right.
+
+Tests of the daemon and of rigs in real time have its precedence, where that is allowed: whatever else runs on the
+machine, simulated instruments must answer within the time-outs of real ones.
+"""
 
 from __future__ import annotations
 
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
 from hypothesis import HealthCheck, settings
+
+from haptic_driver.processes.real_time import take_precedence
 
 settings.register_profile(
     "project",
@@ -11,3 +21,17 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("project")
+
+
+AUTOGROUP = Path("/proc/self/autogroup")  # Linux shares a busy processor among sessions before it looks at niceness
+
+
+def pytest_configure() -> None:
+    with suppress(OSError):
+        AUTOGROUP.write_text("-10" if take_precedence() else "0")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    if not hasattr(config, "workerinput"):
+        with suppress(OSError):
+            AUTOGROUP.write_text("0")

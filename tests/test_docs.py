@@ -65,22 +65,37 @@ def name_of(page: Path) -> str:
 # --- blocks that run as they stand -----------------------------------------------------------------------------
 
 
-@pytest.fixture
-def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the files that the pages ask the reader to write, or that a session has from another command."""
-    shutil.copy(find_config("reference", "models"), tmp_path / "finger.toml")  # as `haptic calibrate` writes one
-    (tmp_path / "conditions.csv").write_text("frequency_hz,voltage_v,normal_force_n\n250,75,0.5\n,0,0.5\n")
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One reader's folder, with what the pages ask to write, or what a session has from another command."""
+    folder = tmp_path_factory.mktemp("reader")
+    shutil.copy(find_config("reference", "models"), folder / "finger.toml")  # as `haptic calibrate` writes one
+    (folder / "conditions.csv").write_text("frequency_hz,voltage_v,normal_force_n\n250,75,0.5\n,0,0.5\n")
     rows = [f"{0.01 * i:.2f},{0.0004 * i:.5f},{0.5 if i > 10 else 0.0}" for i in range(200)]
-    (tmp_path / "slide.csv").write_text("time_s,position_m,normal_force_n\n" + "\n".join(rows) + "\n")
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+    (folder / "slide.csv").write_text("time_s,position_m,normal_force_n\n" + "\n".join(rows) + "\n")
+    return folder
+
+
+@pytest.fixture
+def reader(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The reader, in that folder."""
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def done() -> set[str]:
+    """Commands that the reader has given: those that several pages show are given once."""
+    return set()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_commands_run_as_shown(page: Path, reader: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands_run_as_shown(page: Path, reader: Path, done: set[str], capsys: pytest.CaptureFixture[str]) -> None:
     for command in commands(page, "sh"):
-        status = main(shlex.split(command)[1:])
-        assert status == 0, f"{command}\n{capsys.readouterr().err}"
+        if command not in done:
+            status = main(shlex.split(command)[1:])
+            assert status == 0, f"{command}\n{capsys.readouterr().err}"
+            done.add(command)
 
 
 def test_the_readme_shows_commands_at_all() -> None:

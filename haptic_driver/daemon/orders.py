@@ -100,10 +100,12 @@ class Orders:
             self._flags = Flag(0)
 
     def rig_says(self, event: RigEvent) -> None:
-        """A trip is a flag and an event."""
+        """A trip is a flag and an event; an output that went off by itself, or may not have, is an event."""
         if event.state is RigState.TRIPPED:
             self._flags |= Flag.TRIPPED  # without the lock: who switches off waits for nobody
             self._events.tell("trip", event.reason)
+        elif event.state is RigState.UNKNOWN:
+            self._events.tell("output", event.reason)
 
     def raise_flag(self, flag: Flag) -> None:
         """It stays up until the next arming."""

@@ -21,11 +21,12 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from haptic_driver.processes import real_time
+from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import Due
 from haptic_driver.processes.samples import Flag
 from haptic_driver.processes.shared_memory import NO_ORDER, Driven, Order, Output, Sensed, SharedState, practice_slot
 from haptic_driver.render import envelope
-from haptic_driver.render.compiled import compilation_said, refuse_to_compile
+from haptic_driver.render.compiled import refuse_to_compile
 from haptic_driver.render.texture import FloatArray, Target, Uniform
 from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
 from haptic_driver.signals import SLIDING_M_S, FingerSample, FingerState

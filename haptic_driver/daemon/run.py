@@ -16,8 +16,8 @@ from haptic_driver.daemon.place import Place, default_socket
 from haptic_driver.daemon.service import as_service
 from haptic_driver.daemon.set_up import DaemonSettings, daemon_settings
 from haptic_driver.daemon.web.server import serve
+from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import take_precedence
-from haptic_driver.render.compiled import compilation_said
 
 PAGE_FOLDER = Path(__file__).parent / "web" / "dashboard"
 

@@ -22,9 +22,10 @@ NO_FLAGS = Flag(0)
 
 @dataclass
 class Watched:
-    """What is looked at, and what was told of it: flags and the finger's gain since `arming`, gaps of an envelope, and
-    the markers of target number `target` up to `marked_s`.
-    """  # fmt: skip
+    """What is looked at, and what was told of it.
+
+    Flags and the finger's gain since `arming`, gaps of an envelope, markers of target number `target` up to `marked_s`.
+    """
 
     shared: SharedState
     orders: Orders

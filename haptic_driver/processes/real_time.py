@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import NamedTuple
 
 NICENESS = -10  # of control: weighs ten times an ordinary process
@@ -62,6 +63,9 @@ def take_precedence() -> bool:
         os.setpriority(os.PRIO_PROCESS, 0, min(NICENESS, os.getpriority(os.PRIO_PROCESS, 0)))
     except (OSError, AttributeError):
         return False
+    if os.getsid(0) == os.getpid():  # as a service: Linux shares a processor among sessions before it looks at niceness
+        with suppress(OSError):
+            Path("/proc/self/autogroup").write_text(str(NICENESS))
     return True
 
 

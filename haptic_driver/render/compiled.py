@@ -9,15 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import os
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
-from numba.core import event
 
 from haptic_driver.signals import Array
 
@@ -64,49 +61,3 @@ def refuse_to_compile() -> None:
 def laid_out(values: Array) -> Array:
     """The same numbers laid out as kernels get them everywhere: another layout would be compiled for anew."""
     return np.require(values, np.float64, ["C", "A", "W"])
-
-
-class _Compilation(event.Listener):
-    def __init__(self, tell: Callable[[str | None, int], None]) -> None:
-        self._tell = tell
-        self._running: list[str] = []  # a kernel waits for those that it calls
-        self._done = 0
-
-    def on_start(self, event: Any) -> None:
-        if kernel := _own(event):
-            self._running.append(kernel)
-            self._tell(kernel, self._done)
-
-    def on_end(self, event: Any) -> None:
-        if kernel := _own(event):
-            self._running.remove(kernel)
-            self._done += 1
-            self._tell(self._running[-1] if self._running else None, self._done)
-
-
-def _own(event: Any) -> str | None:
-    """The kernel's name, if it is one of this program and not of numba."""
-    function = event.data["dispatcher"].py_func
-    return None if function.__module__.startswith("numba.") else str(function.__name__)
-
-
-@contextmanager
-def compilation(tell: Callable[[str | None, int], None]) -> Iterator[None]:
-    """Call `tell` with the kernel that numba compiles, or None when there is no more, and how many it has compiled."""
-    with event.install_listener("numba:compile", _Compilation(tell)):
-        yield
-
-
-@contextmanager
-def compilation_said(process: str) -> Iterator[None]:
-    """A line on stderr for each kernel that is waited for, from a process that is looked at through its log."""
-    waiting = False
-
-    def say(kernel: str | None, _: int) -> None:
-        nonlocal waiting
-        if kernel is not None and not waiting:
-            print(f"{process}: compiling {kernel}, this once", file=sys.stderr, flush=True)
-        waiting = kernel is not None
-
-    with compilation(say):
-        yield

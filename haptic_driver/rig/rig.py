@@ -20,7 +20,7 @@ from haptic_driver.rig.switch import OutputSwitch
 from haptic_driver.signals import DriveCommand
 from hw.amplifier.analog import AnalogAmplifier
 from hw.analog.lines import Heartbeat
-from hw.errors import DeviceError, LimitExceeded
+from hw.errors import DeviceError, LimitExceeded, SwitchedOff
 from hw.force.sensor import ForceReading, ForceSensor
 from hw.generator.contract import Generator
 from hw.generator.settings import Shape
@@ -256,6 +256,9 @@ class Rig:
         try:
             yield
         except Withdrawn:
+            self.off()
+        except SwitchedOff as error:  # the next command starts again from the minimum
+            self._states.happens(Happening.LAPSED, error.message)
             self.off()
         except DeviceError as error:
             evidence = self.off()

@@ -21,8 +21,8 @@ import time
 from contextlib import closing, suppress
 from pathlib import Path
 
+from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import Metronome
-from haptic_driver.render.compiled import compilation_said
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.slide import Slide, synthetic_slide
 from haptic_driver.simulation.friction import surface_friction, with_hidden

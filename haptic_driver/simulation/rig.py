@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from math import pi
 from typing import Self
 
@@ -86,15 +87,17 @@ class SimulatedRig:
 
     def __enter__(self) -> Self:
         """Serve the instruments."""
-        self.instruments.start()
-        self._force.box.open()
+        with ExitStack() as started:  # nothing is left serving where the next one does not start
+            started.enter_context(self.instruments)
+            started.callback(self._force.box.close)
+            started.callback(self.rig.close)
+            self._force.box.open()
+            self._started = started.pop_all()
         return self
 
     def __exit__(self, *reason: object) -> None:
         """Switch off and stop serving."""
-        self.rig.close()
-        self._force.box.close()
-        self.instruments.close()
+        self._started.close()
 
 
 def electrode_monitors(config: RigConfig, state: Callable[[], ElectrodeState | None]) -> list[ElectrodeMonitor]:

@@ -13,6 +13,7 @@ import hashlib
 import json
 import os
 from dataclasses import dataclass, fields
+from functools import cached_property
 from math import log
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -63,9 +64,12 @@ class SurfaceFile:
     correction: Correction | None = None
     cof_interval: CofInterval | None = None
 
-    @property
+    @cached_property
     def content_hash(self) -> str:
-        """SHA-256 over every number and the model's description: equal files, equal surfaces."""
+        """SHA-256 over every number and the model's description: equal files, equal surfaces.
+
+        Worked out once: it takes milliseconds, and every status of the daemon tells it.
+        """
         digest = hashlib.sha256()
         for name, values in self._datasets().items():
             digest.update(name.encode())

@@ -3,13 +3,15 @@
 `atexit`, signal handlers and `finally` do not run after SIGKILL, a crash of the interpreter or a hang; this does. The
 driver beats over a pipe. When beats stop for `period_s`, or the pipe closes (however the driver ended), the watchdog
 switches the generator off in the words of its kind, opens the interlock's contact if it is told of one, reads both
-back, tries again until there is evidence or `give_up_s` have passed, and ends; its exit status says which. It can do
-nothing against a computer without power or an instrument that is cut off: that is what the interlock box is for.
+back, and tries again until there is evidence or `give_up_s` have passed. A driver that was only kept waiting by a busy
+machine may beat again once there is evidence; otherwise the watchdog ends, and its exit status says what it knows. It
+can do nothing against a computer without power or an instrument that is cut off: that is what the interlock box is for.
 
     python -m hw.safety.watchdog --generator TCPIP::192.168.0.5::5025::SOCKET [--model M] [--interlock I] ...
 
 reads beats from its standard input: `b` (the output is wanted), `r` (rest: it is known to be off, do not wait for
-beats). It counts from the first beat. Standard output gets one line: `ready`, or why not.
+beats). It counts from the first beat. Standard output gets one line, `ready` or why not, and then `h` whenever it has
+heard, `s` when it begins to switch off, `d` when it has.
 """
 
 from __future__ import annotations
@@ -25,18 +27,22 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
-from hw.errors import DeviceDisconnected, DeviceTimeout
+from hw.errors import DeviceDisconnected, DeviceTimeout, SwitchedOff
 from hw.generator.contract import generator_kind
 from hw.transport.resource import make_transport
 from hw.transport.running import Running
 
 BEAT, REST = b"b", b"r"
 READY = "ready"
+HEARD, SWITCHING, DONE = b"h", b"s", b"d"
+CLOSED = "the pipe is closed"
+FEWEST_UNANSWERED = 3  # beats, before silence is its own and not that of a machine that let nobody run
 LAST_LOOK = 0.1  # of the period
 _END_S = 10.0  # for the process to be scheduled and to end; it switches off meanwhile
 _log = logging.getLogger("hw.safety.watchdog")
@@ -92,6 +98,8 @@ class Watchdog(Running):
     def __init__(self, settings: WatchdogSettings) -> None:
         self.settings = settings
         self._process: subprocess.Popen[bytes] | None = None
+        self._unanswered: list[float] = []  # when it was beaten since it was last heard
+        self._switching = False  # off, and not done with it
 
     @property
     def pid(self) -> int | None:
@@ -121,28 +129,52 @@ class Watchdog(Running):
                 f"watchdog: {said or f'not ready within {timeout_s:g} s'}",
                 "the generator must accept a second connection; check its address",
             )
-        os.set_blocking(_pipe(process), False)
-        self._process = process
+        for pipe in (process.stdin, process.stdout):
+            assert pipe is not None
+            os.set_blocking(pipe.fileno(), False)
+        self._process, self._unanswered, self._switching = process, [], False
 
     def beat(self) -> None:
-        """Say that the output is still wanted; raises DeviceError once the watchdog has ended or does not listen."""
+        """Say that the output is still wanted.
+
+        Raises SwitchedOff when it has switched off for want of beats and listens again, and another DeviceError once
+        it has ended or has not answered for a period: it is killed then, since it watches nothing.
+        """
         if self._process is None:
             raise DeviceDisconnected("watchdog: it is not running", "start it before switching on")
+        went_off, now_s = self._hear(self._process), time.monotonic()
         status = self._process.poll()
         if status is not None:
             raise DeviceDisconnected(
                 f"watchdog: it has ended ({_describe(status)})", "find out why beats stopped; then start it again"
             )
+        if went_off:
+            raise SwitchedOff("watchdog: it switched off, since it was not beaten in time", "the machine is too busy")
+        if len(self._unanswered) >= FEWEST_UNANSWERED and now_s - self._unanswered[0] > self.settings.period_s:
+            self._process.kill()
+            raise DeviceTimeout("watchdog: it does not answer, and is ended", "find out what stopped it")
         try:
             os.write(_pipe(self._process), BEAT)
         except BlockingIOError as error:
             raise DeviceTimeout("watchdog: it does not take beats", "restart the driver") from error
         except OSError as error:
             raise DeviceDisconnected(f"watchdog: its pipe is broken ({error})", "start it again") from error
+        self._unanswered.append(now_s)
+
+    def _hear(self, process: subprocess.Popen[bytes]) -> bool:
+        """Whether it has switched off since the last time, or is at it."""
+        assert process.stdout is not None
+        said = process.stdout.read(1 << 16) or b""  # None when there is nothing
+        went_off = self._switching or SWITCHING in said
+        if said:
+            self._unanswered = []
+            self._switching = said.rfind(SWITCHING) > said.rfind(DONE) or (self._switching and DONE not in said)
+        return went_off
 
     def rest(self) -> None:
         """Say that the output is known to be off; no matter when the watchdog has ended."""
         if self._process is not None:
+            self._hear(self._process)  # that it has switched off is no news any more
             with suppress(OSError):
                 os.write(_pipe(self._process), REST)
 
@@ -241,8 +273,10 @@ def _instruments(settings: WatchdogSettings) -> list[_Instrument]:
     return found
 
 
-def wait_for_silence(beats: queue.Queue[bytes], period_s: float) -> str:
+def wait_for_silence(beats: queue.Queue[bytes], period_s: float, heard: Callable[[], None] = lambda: None) -> str:
     """Return, in words, why there are no more beats; `beats` gives BEAT, REST, or nothing at the end of the pipe.
+
+    `heard` is called for each.
 
     The last tenth of the period is waited for apart: when a busy machine has let this process sleep for longer than its
     driver was silent, whoever listens has time to hand over the beats that came meanwhile.
@@ -257,7 +291,8 @@ def wait_for_silence(beats: queue.Queue[bytes], period_s: float) -> str:
             except queue.Empty:
                 return f"no beat for {period_s:g} s"
         if not beat:
-            return "the pipe is closed"
+            return CLOSED
+        heard()
         timeout_s = None if beat == REST else period_s * (1.0 - LAST_LOOK)
 
 
@@ -284,6 +319,8 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
+    with suppress(OSError):  # Linux gives each session the same share of a busy processor, unless it is told otherwise
+        Path("/proc/self/autogroup").write_text(str(os.getpriority(os.PRIO_PROCESS, 0)))
     logging.basicConfig(format="%(asctime)s watchdog: %(message)s", level=logging.INFO)
     instruments = _instruments(settings)
     silent = [instrument.resource for instrument in instruments if instrument.ask() is None]
@@ -293,10 +330,21 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
     print(READY, flush=True)
     beats: queue.Queue[bytes] = queue.Queue()
     threading.Thread(target=_listen, args=(beats,), daemon=True).start()
-    reason = wait_for_silence(beats, settings.period_s)
-    outcome = switch_off(instruments, settings)
-    _log.info("%s; output %s", reason, outcome.name.lower())
-    return outcome
+    os.set_blocking(sys.stdout.fileno(), False)  # it waits for nobody who does not read
+    while True:
+        reason = wait_for_silence(beats, settings.period_s, lambda: _say(HEARD))
+        _say(SWITCHING)
+        outcome = switch_off(instruments, settings)
+        _say(DONE)
+        _log.info("%s; output %s", reason, outcome.name.lower())
+        if reason == CLOSED or outcome is not Outcome.OFF:
+            return outcome
+
+
+def _say(what: bytes) -> None:
+    """A byte for the driver, unless it is gone or does not read."""
+    with suppress(OSError):
+        os.write(sys.stdout.fileno(), what)
 
 
 def _listen(beats: queue.Queue[bytes]) -> None:

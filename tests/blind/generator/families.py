@@ -159,7 +159,7 @@ def ci_specs() -> list[Spec]:
         ("screen_resonance", 600.0, "six_sessions"),
         ("gain_drift", 600.0, "timed"),
     )
-    strange = [Spec("F4", i, ((n, level),), design=d, rivals=True) for i, (n, level, d) in enumerate(outside)]
+    strange = [Spec("F4", i, ((n, level),), design=d) for i, (n, level, d) in enumerate(outside)]
     pairs = [
         Spec("F5", 0, (("amplifier_bandwidth", 150.0), ("velocity_dependent_friction", 200.0)), design="six_sessions"),
         Spec("F5", 1, (("contact_ageing", 200.0), ("trapped_charge", 150.0)), ALTERNATIVE, "six_sessions"),

@@ -39,16 +39,13 @@ class GapHistograms:
         place = (np.log(pressure) - ladder[0]) / step
         first = np.clip(np.floor(place).astype(int) - 1, 0, ladder.size - 4)
         x = np.clip(place, 0.0, ladder.size - 1.0) - first
-        weights = (
-            -(x - 1) * (x - 2) * (x - 3) / 6,
-            x * (x - 2) * (x - 3) / 2,
-            -x * (x - 1) * (x - 3) / 2,
-            x * (x - 1) * (x - 2) / 6,
-        )
-        out = np.zeros((x.size, self.gap.size))
-        for k, weight in enumerate(weights):
-            out += weight[:, None] * self.mass[first + k]
-        return out
+        weights = np.zeros((x.size, ladder.size))
+        rows = np.arange(x.size)
+        weights[rows, first] = -(x - 1) * (x - 2) * (x - 3) / 6
+        weights[rows, first + 1] = x * (x - 2) * (x - 3) / 2
+        weights[rows, first + 2] = -x * (x - 1) * (x - 3) / 2
+        weights[rows, first + 3] = x * (x - 1) * (x - 2) / 6
+        return weights @ self.mass
 
 
 @lru_cache(maxsize=1)

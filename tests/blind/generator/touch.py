@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gamma as gamma_function
@@ -135,8 +136,27 @@ def prepare(rows: Rows, finger: Finger, rough: Roughness) -> State:
     )
 
 
-def _fields(state: State, k_skin: np.ndarray, pressure: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Field in the gap per volt and gap admittance per area, both (n, bins)."""
+class Stack(NamedTuple):
+    """What lies over the gap: the field per volt is 1/(slope air + length), the gap's admittance times air as given."""
+
+    air: np.ndarray  # (n, bins), m
+    slope: np.ndarray  # complex, (n, 1) or (n, bins)
+    length: np.ndarray
+    shunt: np.ndarray  # in parallel with the gap, S/m2
+    gap: np.ndarray  # j w eps0 k_gap, S/m
+
+    def field_square(self) -> np.ndarray:
+        """Square of the field per volt in the gap, (n, bins)."""
+        real = self.slope.real * self.air + self.length.real
+        imaginary = self.slope.imag * self.air + self.length.imag
+        return 1 / (real**2 + imaginary**2)
+
+    def current(self) -> np.ndarray:
+        """Current density per volt through each gap, (n, bins), S/m2."""
+        return (self.gap + self.shunt * self.air) / (self.slope * self.air + self.length)
+
+
+def _stack(state: State, k_skin: np.ndarray, pressure: np.ndarray, u: np.ndarray) -> Stack:
     finger = state.finger
     s = (1j * state.omega * VACUUM)[:, None]
     skin = finger.skin / k_skin if state.skin_stack is None else state.skin_stack(k_skin)
@@ -150,8 +170,8 @@ def _fields(state: State, k_skin: np.ndarray, pressure: np.ndarray, u: np.ndarra
         wet = state.film(u)
         air = u - wet
         h = h + wet / state.k_film[:, None]
-    admittance = s * state.k_gap[:, None] + shunt * air  # times 1/air
-    return 1 / (air + h * admittance / s), admittance
+    k_gap = state.k_gap[:, None]
+    return Stack(air, 1 + h * shunt / s, h * k_gap, shunt, s * k_gap)
 
 
 def _electric_pressure(state: State, pressure: np.ndarray) -> np.ndarray:
@@ -161,16 +181,16 @@ def _electric_pressure(state: State, pressure: np.ndarray) -> np.ndarray:
     mass = table.at(pressure / (modulus() * state.stiffness * rough.low * finger.h_rms))
     u = table.gap * finger.h_rms + state.gap_add[:, None]
     k_skin = state.k_skin
-    field_per_volt, admittance = _fields(state, k_skin, pressure, u)
+    stack = _stack(state, k_skin, pressure, u)
     if state.skin_law is not None:
         for _ in range(6):
-            current = np.abs((mass * field_per_volt * admittance).sum(axis=1)) * state.drive
+            current = np.abs((mass * stack.current()).sum(axis=1)) * state.drive
             over = current * finger.skin / (state.omega * VACUUM * np.abs(k_skin))
             factor = state.skin_law(over)
             new = state.k_skin.real + 1j * state.k_skin.imag * factor
             k_skin = np.sqrt(k_skin * new)
-            field_per_volt, admittance = _fields(state, k_skin, pressure, u)
-    square = field_per_volt.real**2 + field_per_volt.imag**2
+            stack = _stack(state, k_skin, pressure, u)
+    square = stack.field_square()
     if state.field_cap is not None:
         peak = state.field_cap(np.sqrt(square) * state.drive[:, None])
         return VACUUM / 4 * (mass * peak**2).sum(axis=1)

@@ -7,6 +7,7 @@ from functools import partial
 import pytest
 
 from haptic_driver.daemon.daemon import Daemon
+from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.rig.config import load_rig
 from tests.haptic_driver.daemon import electrode, killing
@@ -32,8 +33,10 @@ def running(settings):
 
 @pytest.fixture
 def daemon(running):
-    """It, once its sensors are heard: a busy machine may keep them waiting."""
-    until(lambda: not running.supervisor.silent())
+    """It, once all of it is there: a busy machine may keep it waiting; and without what another test has left."""
+    until(lambda: not running.supervisor.missing and not running.supervisor.silent())
+    if running.status().state is DaemonState.FAULT:
+        running.reset()
     yield running
     running.disarm()
 

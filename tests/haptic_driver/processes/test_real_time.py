@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -108,6 +109,20 @@ def test_precedence_is_taken_where_it_may_be_and_never_given_away():
     granted, niceness = run.stdout.split()
     before = os.getpriority(os.PRIO_PROCESS, 0)
     assert int(niceness) == (min(-10, before) if granted == "True" else before)
+
+
+@pytest.mark.skipif(not Path("/proc/self/autogroup").exists(), reason="this kernel does not group sessions")
+def test_a_service_takes_precedence_over_other_sessions():
+    """Niceness counts within a session alone where the kernel shares a processor among sessions first."""
+    code = (
+        "from haptic_driver.processes import real_time; print(real_time.take_precedence());"
+        "print(open('/proc/self/autogroup').read())"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, start_new_session=True
+    )
+    granted, group = run.stdout.split(maxsplit=1)
+    assert granted == "False" or group.strip().endswith("nice -10")
 
 
 def test_a_machine_that_allows_no_precedence_is_no_failure(monkeypatch):

@@ -15,7 +15,7 @@ from haptic_driver.rig.states import RigState
 from haptic_driver.signals import DriveCommand
 from hw.amplifier.analog import AmplifierState
 from hw.amplifier.simulated import SimulatedAmplifier
-from hw.errors import DeviceTimeout
+from hw.errors import DeviceTimeout, SwitchedOff
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.settings import Shape
 from hw.safety.interlock import HeartbeatInterlock
@@ -51,9 +51,12 @@ class Heart:
 
     def __init__(self):
         self.beats = self.rests = 0
-        self.dead = False
+        self.dead = self.switched_off = False
 
     def beat(self):
+        if self.switched_off:
+            self.switched_off = False
+            raise SwitchedOff("watchdog: it was not beaten in time")
         if self.dead:
             raise DeviceTimeout("watchdog: it has ended", "start it again")
         self.beats += 1
@@ -367,6 +370,19 @@ def test_a_dead_heart_switches_off(rig_config):
     with pytest.raises(HapticError, match="watchdog: it has ended"):
         bench.rig.command(0.1, on(50.0))
     assert bench.voltage_v == 0.0
+
+
+def test_a_heart_that_switched_off_for_want_of_beats_lets_the_output_come_back_from_the_minimum(rig_config):
+    heart = Heart()
+    bench = Bench(rig_config, heartbeats=[heart])
+    bench.rig.command(0.0, on(50.0))
+    heart.switched_off = True
+    bench.rig.command(0.1, on(50.0))
+    assert (bench.rig.state, bench.voltage_v) == (RigState.OFF, 0.0)
+    assert any("not beaten" in event.reason for event in bench.rig.events)
+    bench.rig.command(0.2, on(150.0))
+    assert bench.rig.state is RigState.ON
+    assert 0.0 < bench.voltage_v < 150.0
 
 
 def test_a_heart_does_not_rest_while_the_output_is_unknown(rig_config):

@@ -77,6 +77,11 @@ async function disarm() {
   if (await command(() => ask("POST", "/disarm"))) dropLease("This page holds no lease.");
 }
 
+async function askHolding(path, body) {
+  await page.arming; // "armed" may be shown before the lease has come
+  return ask("POST", path, body, page.lease?.token);
+}
+
 function submit(id, work) {
   $(id).addEventListener("submit", (event) => {
     event.preventDefault();
@@ -86,12 +91,12 @@ function submit(id, work) {
 
 $("off").addEventListener("click", off);
 document.addEventListener("keydown", (event) => { if (event.key === "Escape") off(); }, true);
-$("arm").addEventListener("click", arm);
+$("arm").addEventListener("click", () => { page.arming = arm(); });
 $("disarm").addEventListener("click", disarm);
 $("reset").addEventListener("click", () => command(() => ask("POST", "/reset")));
 $("refusal-close").addEventListener("click", () => { $("refusal").hidden = true; });
-submit("set", () => ask("POST", "/set", { cof: $("cof").valueAsNumber }, page.lease?.token));
-submit("play", () => ask("POST", "/texture", { name: $("texture").value }, page.lease?.token));
+submit("set", () => askHolding("/set", { cof: $("cof").valueAsNumber }));
+submit("play", () => askHolding("/texture", { name: $("texture").value }));
 window.addEventListener("pagehide", () => { if (page.lease) ask("POST", "/disarm").catch(() => {}); });
 
 // --- what there is to show ----------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from haptic_driver.cli import output
-from haptic_driver.render.compiled import compilation, compilation_said
+from haptic_driver.processes.compilation import compilation, compilation_said
 
 
 @pytest.fixture
