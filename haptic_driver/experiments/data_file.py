@@ -26,8 +26,8 @@ from haptic_driver.files import replacing, writing
 from hw.monitor.contract import ElectrodeReading
 
 SETTING_COLUMNS = (
-    "frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "voltage_offset_v", "waveform", "finger", "session",
-    "trial",
+    "frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "voltage_offset_v", "waveform", "finger",
+    "intervention", "session", "trial",
 )  # fmt: skip
 ELECTRODE_COLUMNS = (
     "electrode_voltage_v", "electrode_voltage_std_v", "electrode_voltage_phase_rad", "electrode_voltage_phase_std_rad",
@@ -35,7 +35,7 @@ ELECTRODE_COLUMNS = (
 )  # fmt: skip
 COLUMNS = (
     "frequency_hz", "voltage_v", "normal_force_n", "cof", "cof_std", "speed_m_s", "time_s", "session", "trial",
-    "voltage_offset_v", "waveform", "finger", *ELECTRODE_COLUMNS, "kramers_kronig", "measured_normal_force_n",
+    "voltage_offset_v", "waveform", "finger", "intervention", *ELECTRODE_COLUMNS, "kramers_kronig", "measured_normal_force_n",
     "simulated",
 )  # fmt: skip
 FINEST = 1e-5  # of an amount, or rad: no monitor's figures are known better

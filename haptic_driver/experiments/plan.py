@@ -16,6 +16,7 @@ from haptic_driver.config import Section, find_config, parse, read_toml
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import write_text
 from model.conditions import UNDRIVEN_HZ
+from model.effects.interventions import NOTHING
 
 MOST_ROWS = 100_000
 LONGEST_S = 86400.0  # of a session
@@ -94,7 +95,8 @@ class _Procedure(Section):
     """How settings are measured. `voltage_off_every` n: a row without voltage before every n rows; 0 for none.
 
     A row lasts `settle_s`, then `average_s` over which friction is averaged, then `pause_s` with the finger lifted.
-    `load_tolerance` is the share of its load by which a row's mean may miss it.
+    `load_tolerance` is the share of its load by which a row's mean may miss it. `intervention` is done before the first
+    row, and kept up; see `model.effects.interventions`.
     """
 
     name: str
@@ -108,6 +110,7 @@ class _Procedure(Section):
     average_s: Annotated[FiniteFloat, Field(ge=0.25, le=60.0)] = 1.0
     pause_s: Annotated[FiniteFloat, Field(ge=0.0, le=3600.0)] = 1.0
     load_tolerance: Annotated[FiniteFloat, Field(ge=0.01, le=1.0)] = 0.1
+    intervention: Literal["none", "strap", "dry_air", "wipe", "discharge", "other_amplifier"] = "none"
 
 
 class PlanFile(_Procedure):
@@ -136,8 +139,8 @@ class PlanFile(_Procedure):
 class Setting(NamedTuple):
     """What is set for one row; `voltage_v` 0 is friction without voltage, its frequency is 0 and means nothing.
 
-    A `sweep` measures no friction. `time_s` is when in its session the row is wanted, None for whenever. `by_meter`: an
-    instrument drives the electrode itself, and the amplifier stays off.
+    A `sweep` measures no friction. `time_s` is when in its session the row is wanted, None for whenever; `intervention`
+    what has been done at the rig before. `by_meter`: an instrument drives the electrode, the amplifier stays off.
     """
 
     frequency_hz: float
@@ -150,6 +153,7 @@ class Setting(NamedTuple):
     sweep: bool = False
     time_s: float | None = None
     by_meter: bool = False
+    intervention: str = NOTHING
 
     @property
     def driven(self) -> bool:
@@ -165,7 +169,9 @@ class Setting(NamedTuple):
 
     def without_voltage(self) -> Setting:
         """The same load and speed with the output off."""
-        return Setting(0.0, 0.0, self.normal_force_n, self.speed_m_s, time_s=self.time_s)
+        return Setting(
+            0.0, 0.0, self.normal_force_n, self.speed_m_s, time_s=self.time_s, intervention=self.intervention
+        )
 
 
 class Row(NamedTuple):
@@ -248,7 +254,7 @@ def load_plan(name_or_path: str) -> Plan:
     if count > MOST_ROWS:
         raise BadInputError("bad_config", f"{path}: the plan has {count} rows", f"At most {MOST_ROWS} are measured")
     rest = file.model_dump(exclude={"points", "sweep", *_Block.model_fields})
-    return Plan(settings=tuple(settings), **rest)
+    return Plan(settings=tuple(s._replace(intervention=file.intervention) for s in settings), **rest)
 
 
 def _settings(levels: _Block) -> Iterator[Setting]:

@@ -7,7 +7,7 @@ electrode's current and voltage, and their phases.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from model.conditions import FINGERS, WAVEFORMS, Conditions
 from model.diagnosis.witness import FRICTION, WITNESSES, Witness, observed, stated_std
+from model.effects.interventions import BY_INTERVENTION, INTERVENTIONS, NOTHING
 from model.support.arrays import Array, Mask
 from model.support.errors import ModelError, nearest
 from model.support.tables import Table, read_table
@@ -55,7 +56,8 @@ class Measurements:
 
     Optional columns that the file does not have are absent from `columns`. `effects_on` [n]: the observations in which
     an effect under test is on; None for all of them. `witness` [n]: which of `WITNESSES` is observed, None for friction
-    throughout; `row` [n] of the file, None where each has its own; `finger` [n] as in `Conditions`.
+    throughout; `row` [n] of the file, None where each has its own; `finger` [n] as in `Conditions`; `intervention` [n]:
+    what somebody had done at the rig, see `model.effects.interventions`, None for nothing anywhere.
     """
 
     columns: dict[str, Array]
@@ -67,6 +69,7 @@ class Measurements:
     witness: NDArray[np.intp] | None = None
     row: NDArray[np.intp] | None = None
     finger: NDArray[np.str_] | None = None
+    intervention: NDArray[np.str_] | None = None
 
     @property
     def count(self) -> int:
@@ -120,6 +123,14 @@ class Measurements:
         """A number per observation, equal for those of one session and witness, which share a gain."""
         return self.session if self.witness is None else self.session + len(self.session_names) * self.witness
 
+    def with_effect(self, name: str) -> Mask:
+        """Observations [n] in which an effect under test is on: no intervention had removed it."""
+        on = np.ones(self.count, bool) if self.effects_on is None else self.effects_on
+        if self.intervention is None:
+            return on
+        off = [done.name for done in INTERVENTIONS if name in done.removes]
+        return np.asarray(on & ~np.isin(self.intervention, off))
+
     @property
     def sliding(self) -> Mask:
         """Observations [n] of a sliding finger."""
@@ -153,12 +164,12 @@ class Measurements:
             finger=self.finger,
         )
 
-    def subset(self, rows: Mask) -> Measurements:
+    def subset(self, rows: Mask | NDArray[np.intp]) -> Measurements:
         """Some of the rows."""
         chosen: dict[str, Any] = {
             name: None if values is None else values[rows]
             for name, values in vars(self).items()
-            if name in ("session", "waveform", "effects_on", "witness", "row", "finger")
+            if name in ("session", "waveform", "effects_on", "witness", "row", "finger", "intervention")
         }
         return replace(self, columns={name: values[rows] for name, values in self.columns.items()}, **chosen)
 
@@ -170,10 +181,9 @@ class Measurements:
         keys = ["voltage_v", "normal_force_n", "speed_m_s", "voltage_offset_v"]
         settings = [np.where(self.driven, self.columns["frequency_hz"], 0.0), self.session.astype(float)]
         settings += [self.columns[key] for key in keys if key in self.columns]
-        if self.waveform is not None:
-            settings.append(np.unique(self.waveform, return_inverse=True)[1].astype(float))
-        if self.finger is not None:
-            settings.append(np.unique(self.finger, return_inverse=True)[1].astype(float))
+        for words in (self.waveform, self.finger, self.intervention):
+            if words is not None:
+                settings.append(np.unique(words, return_inverse=True)[1].astype(float))
         if self.witness is not None and apart:
             settings.append(self.witness.astype(float))
         _, group = np.unique(np.round(np.stack(settings, axis=1), 12), axis=0, return_inverse=True)
@@ -202,7 +212,10 @@ def read_measurements(path: Path) -> Measurements:
         columns["normal_force_n"][~touching] = np.median(columns["normal_force_n"][touching])
     sessions = table.text("session") if "session" in table.columns else [""] * len(table.rows)
     names, session = np.unique([name or "1" for name in sessions], return_inverse=True)
-    rows = Measurements(columns, session.ravel(), tuple(map(str, names)), waveform, table.content_hash, finger=finger)
+    done = _words(table, "intervention", (NOTHING, *BY_INTERVENTION))
+    rows = Measurements(
+        columns, session.ravel(), tuple(map(str, names)), waveform, table.content_hash, finger=finger, intervention=done
+    )
     return _observations(table, rows)
 
 
@@ -231,24 +244,19 @@ def _observations(table: Table, rows: Measurements) -> Measurements:
         said = f"{table.where(int(np.argmax(wrong)))}: has a cof, but its finger does not slide"
         raise ModelError(said, "Leave cof empty there: friction is kinetic")
     alternating = (rows.columns["voltage_v"] != 0.0) & (True if rows.waveform is None else rows.waveform != "dc")
-    kinds, where = [], []
-    for i, witness in enumerate(WITNESSES):
-        if witness in given:
-            there = np.isfinite(columns[witness.column]) & (alternating | (i == FRICTION))
-            where.append(np.flatnonzero(there))
-            kinds.append(np.full(where[-1].size, i, np.intp))
-    row = np.concatenate(where)
-    columns = {name: values[row] for name, values in columns.items()}
-    return Measurements(
-        columns,
-        rows.session[row],
-        rows.session_names,
-        None if rows.waveform is None else rows.waveform[row],
-        rows.content_hash,
-        witness=np.concatenate(kinds),
-        row=row,
-        finger=None if rows.finger is None else rows.finger[row],
-    )
+    there = {
+        i: np.isfinite(columns[witness.column]) & (alternating | (i == FRICTION))
+        for i, witness in enumerate(WITNESSES)
+        if witness in given
+    }
+    return stacked(replace(rows, columns=columns), there)
+
+
+def stacked(rows: Measurements, there: Mapping[int, Mask]) -> Measurements:
+    """One observation per row and witness where that is there; those of one witness stand together."""
+    row = np.concatenate([np.flatnonzero(mask) for mask in there.values()])
+    witness = np.concatenate([np.full(int(mask.sum()), i, np.intp) for i, mask in there.items()])
+    return replace(rows.subset(row), witness=witness, row=row)
 
 
 def _check_stated(table: Table, columns: dict[str, Array], witness: Witness) -> None:
@@ -307,6 +315,7 @@ def together(parts: Sequence[tuple[str, Measurements]]) -> Measurements:
         else np.concatenate([np.zeros(d.count, np.intp) if d.witness is None else d.witness for d in sets]),
         row=None if one_witness else np.concatenate(rows),
         finger=_said([data.finger for data in sets], [data.count for data in sets], "sliding"),
+        intervention=_said([data.intervention for data in sets], [data.count for data in sets], NOTHING),
     )
 
 

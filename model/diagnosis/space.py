@@ -99,7 +99,7 @@ class Predictor:
             raise ModelError("the equations as printed cannot be fitted to data", "Use a model of variant 'corrected'")
         self.description = description
         self.free = nuisances(description, data) if free is None else tuple(free)
-        self._on = data.effects_on
+        self._data = data
         self._is_phase = data.is_phase
         self._witnesses = [(witness, data.of(witness)) for witness in data.witnesses]
         self._against = [data.against(witness) for witness in data.witnesses]
@@ -128,10 +128,15 @@ class Predictor:
     def predicted(self, kinds: Sequence[type[Effect]], vectors: Array) -> Array:
         """As observed [m, n], for parameter vectors [m, k]: nuisances first, then each effect's parameters in order."""
         parameters, effects = self.decode(kinds, vectors)
-        with_effects = self._solve(parameters, effects, len(vectors))
-        if self._on is None or not effects:
-            return with_effects
-        return np.where(self._on, with_effects, self._solve(parameters, [], len(vectors)))
+        on = [self._data.with_effect(kind.name) for kind in kinds]
+        if all(mask.all() for mask in on):
+            return self._solve(parameters, effects, len(vectors))
+        predicted = np.empty((len(vectors), self._row.size))
+        for switched in np.unique(np.array(on), axis=1).T:  # which effects are on together, in some observations
+            here = np.all(np.array(on) == switched[:, None], axis=0)
+            left = [effect for effect, is_on in zip(effects, switched, strict=True) if is_on]
+            predicted[:, here] = self._solve(parameters, left, len(vectors))[:, here]
+        return predicted
 
     def _solve(self, parameters: TouchParameters, effects: list[Effect], count: int) -> Array:
         touch = prepare(parameters, self.description.dielectric, (*self.description.effects, *effects), self._drive)
