@@ -11,7 +11,7 @@ from rich.text import Text
 from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
-from haptic_driver.experiments.plan import LONGEST_S, Setting, write_plan
+from haptic_driver.experiments.plan import LONGEST_S, Plan, Setting, write_plan
 from haptic_driver.files import bad_input, writing
 from haptic_driver.surface.models import load_model
 from model.diagnosis.data import read_measurements, together
@@ -62,7 +62,8 @@ def _write_next_plan(steps: Sequence[Mapping[str, Any]], path: Path) -> Path | N
     if not settings:
         path.unlink(missing_ok=True)
         return None
-    write_plan(path, "next", steps[0]["purpose"], settings, steps[0]["repeats"])
+    repeats = steps[0]["repeats"]
+    write_plan(path, Plan(name="next", about=steps[0]["purpose"], settings=tuple(settings), repeats=repeats))
     return path
 
 

@@ -43,6 +43,7 @@ COMMANDS = {
     "export": "Write a run of a recording as CSV or Parquet, one row per tick.",
     "measure": "Measure friction over a plan's frequencies, voltages, loads and speeds.",
     "diagnose": "Find where measured friction and the model disagree, name the missing effect, add it, and prove it.",
+    "investigate": "Measure, diagnose, propose and measure again, until the missing effect has a name.",
     "calibrate": "Fit a finger's own numbers (roughness, skin thickness, leakage, friction at 0 V) to its data.",
     "calibrate-touch": "Calibrate a rig's touch screen: touch known places as asked, and paste what it says.",
     "study": "Solve a surface for every finger of a study and say how friction, force and reach spread over them.",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import sys
-from collections.abc import Callable
 from math import ceil
 from pathlib import Path
 from typing import Annotated, Any
@@ -26,19 +25,19 @@ from haptic_driver.cli.output import (
 )
 from haptic_driver.config import parse, read_toml
 from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.experiments.bench import SimulatedBench
+from haptic_driver.experiments.benches import bench_for
 from haptic_driver.experiments.check import told
 from haptic_driver.experiments.data_file import DataFile, note
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.run import Experiment, prepare, run
 from haptic_driver.experiments.spectra import Stray, mark_spectra
-from haptic_driver.experiments.stage_bench import StageBench
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.states import RigState
-from haptic_driver.simulation.finger_function import FingerFunction, load_finger
+from haptic_driver.simulation.finger_function import load_finger
 from haptic_driver.simulation.friction import with_hidden
 from haptic_driver.surface.models import load_model
+from model.effects.interventions import BY_INTERVENTION, NOTHING
 from model.touch_model import TouchModel
 
 
@@ -86,7 +85,7 @@ def measure(
     opened = DataFile.resume(out, identity, experiment.rows) if resume else DataFile.create(out, identity, force=force)
     total = len(experiment.rows)
     with opened as data, progress("measuring", total) as advance:
-        bench = _bench(experiment, data.done, function, advance.tell)
+        bench = bench_for(experiment, data.done, function, advance.tell)
         try:
             with bench:
                 off = run(experiment, bench, data, advance, advance.tell)
@@ -112,27 +111,17 @@ def _payload(experiment: Experiment, rows: int, out: Path, stray: Stray | None) 
     }
 
 
-def _bench(
-    experiment: Experiment, done: int, finger: FingerFunction | None, tell: Callable[[str], None]
-) -> SimulatedBench | StageBench:
-    config, plan = experiment.config, experiment.plan
-    if config.simulated:
-        friction, electrode = (None, None) if finger is None else (finger.friction, finger.electrode)
-        return SimulatedBench(
-            config, experiment.model, seed=experiment.seed, first_row=done, friction=friction, electrode=electrode
-        )
-    return StageBench(config, plan, tell)
-
-
 def _ask(experiment: Experiment, yes: bool) -> None:
     """A real rig is energised and moved only while somebody is there who has said so."""
     if yes or experiment.config.simulated:
         return
+    done = experiment.plan.intervention
     highest_v = max((row.setting.voltage_v for row in experiment.rows), default=0.0)
     stderr.print(
         f"rig {experiment.config.name} is real: {len(experiment.rows)} rows, up to {highest_v:g} V peak, at least "
         f"{ceil(experiment.duration_s / 60)} min; the stage will move, and home if it has not.\n"
         "Take the finger off the screen: the force sensor's bias comes first."
+        + (f"\nThe plan wants this done: {BY_INTERVENTION[done].todo}." if done != NOTHING else "")
     )
     if any(row.setting.by_meter for row in experiment.rows):
         stderr.print(

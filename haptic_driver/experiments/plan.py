@@ -270,11 +270,13 @@ def _settings(levels: _Block) -> Iterator[Setting]:
         yield setting if setting.driven else setting.without_voltage()
 
 
-def write_plan(path: Path, name: str, about: str, settings: Sequence[Setting], repeats: int) -> None:
-    """A plan's file with `settings` as they stand, which `load_plan` reads; HapticError when it cannot be written."""
-    lines = [f"name = {json.dumps(name)}", f"about = {json.dumps(about)}", f"repeats = {repeats}"]
-    for setting in settings:
+def write_plan(path: Path, plan: Plan) -> None:
+    """A plan's file with its settings as they stand, which `load_plan` reads; HapticError when it cannot be written."""
+    head = plan.model_dump(exclude={"settings"}, exclude_defaults=True)
+    lines = [f"{name} = {json.dumps(value)}" for name, value in head.items()]
+    for setting in plan.settings:
         told = setting._asdict() | {"frequency_hz": setting.frequency_hz or UNDRIVEN_HZ}
+        del told["intervention"]  # the plan's
         if setting.sweep:
             kind = "sweep"
             told = {key: told[key] for key in Sweep.model_fields if told[key]}

@@ -1,0 +1,199 @@
+"""An investigation: measure, diagnose, choose what tells most, and measure again, until a name is earned.
+
+Every round lies in a folder of its own: its plans, data and report. What is there already is not measured again, so that
+an investigation that was interrupted goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from haptic_driver.experiments.benches import bench_for
+from haptic_driver.experiments.data_file import DataFile
+from haptic_driver.experiments.plan import Plan, Setting, load_plan, write_plan
+from haptic_driver.experiments.pool import REPEATS, able, choices
+from haptic_driver.experiments.run import prepare, run
+from haptic_driver.experiments.spectra import mark_spectra
+from haptic_driver.files import write_text, writing
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.simulation.finger_function import FingerFunction
+from model.description import ModelDescription
+from model.diagnosis.data import read_measurements, together
+from model.diagnosis.design import Design, design
+from model.diagnosis.report import write_report
+from model.diagnosis.verdict import ALIKE, SURE
+from model.diagnosis.workflow import Diagnosis, diagnose
+from model.effects.interventions import BY_INTERVENTION, NOTHING
+from model.touch_model import TouchModel
+
+START = "start"  # the plan of the first round
+MOST_BLOCKS = 12  # of a later one
+ALIKE_HERE, SPENT = "cannot_be_told_apart", "budget_spent"
+OUTCOMES = {"effect_found": "named", "no_discrepancy": "nothing_missing", "unexplained": "unexplained"}
+
+
+@dataclass(frozen=True)
+class Budget:
+    """At most so many rounds, and minutes of measuring."""
+
+    rounds: int = 4
+    minutes: float = 60.0
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What is investigated: a rig with a finger on it, and the model that it is held against.
+
+    `finger` is a simulated one's function. `ask` tells a person at a real rig what to do, and says whether it was done.
+    """
+
+    config: RigConfig
+    description: ModelDescription
+    finger: FingerFunction | None = None
+    seed: int = 0
+    ask: Callable[[str], bool] = lambda todo: False
+
+
+@dataclass
+class Investigation:
+    """What has been found so far; `outcome` is empty while it goes on."""
+
+    outcome: str = ""
+    rounds: int = 0
+    rows: int = 0
+    measured_s: float = 0.0
+    settings: list[Setting] = field(default_factory=list)
+    history: list[dict[str, Any]] = field(default_factory=list)
+    diagnosis: dict[str, Any] = field(default_factory=dict)
+
+    def payload(self) -> dict[str, Any]:
+        """As JSON holds it."""
+        return {
+            "outcome": self.outcome,
+            "rounds": self.rounds,
+            "rows": self.rows,
+            "settings": [setting._asdict() for setting in self.settings],
+            "minutes": self.measured_s / 60.0,
+            "threshold": SURE,
+            "history": self.history,
+            "diagnosis": self.diagnosis,
+        }
+
+
+def investigate(
+    subject: Subject, out: Path, budget: Budget, tell: Callable[[str], None] = lambda what: None
+) -> Investigation:
+    """Rounds until there is an outcome; `investigation.json` and a folder per round are in `out`.
+
+    Raises HapticError for a rig that fails, with everything measured so far on the disk.
+    """
+    model, found = TouchModel(subject.description), Investigation()
+    doable = list(able(subject.config, subject.finger is not None))
+    plans, files = [load_plan(START)], list[Path]()
+    while not found.outcome:
+        found.rounds += 1
+        folder = out / f"round-{found.rounds}"
+        for number, plan in enumerate(plans):
+            if not _is_done(subject, plan):
+                doable.remove(plan.intervention)
+                continue
+            tell(f"round {found.rounds}: measuring")
+            files.append(_measure(subject, model, plan, folder, found, 10 * found.rounds + number))
+        diagnosis = diagnose(
+            subject.description, together([(str(path), read_measurements(path)) for path in files]), subject.seed,
+            lambda step: tell(f"round {found.rounds}: {step}"),
+        )  # fmt: skip
+        with writing(folder):
+            found.diagnosis = write_report(diagnosis, subject.description, folder, f"{len(files)} files of {out.name}")
+        found.outcome = OUTCOMES.get(diagnosis.name, "")
+        plans = [] if found.outcome else _next(subject, model, diagnosis, found, doable, budget)
+        write_text(out / "investigation.json", json.dumps(found.payload(), indent=1) + "\n")
+    return found
+
+
+def _is_done(subject: Subject, plan: Plan) -> bool:
+    """Whether the rig is as the plan wants it: simulated ones do by themselves what a person is asked for."""
+    if plan.intervention == NOTHING or subject.config.simulated:
+        return True
+    return subject.ask(BY_INTERVENTION[plan.intervention].todo)
+
+
+def _measure(subject: Subject, model: TouchModel, plan: Plan, folder: Path, found: Investigation, number: int) -> Path:
+    """Measure what of a plan is not there yet; the data file."""
+    suffix = "" if plan.intervention == NOTHING else f"-{plan.intervention}"
+    path = folder / f"data{suffix}.csv"
+    experiment = prepare(subject.config, model, plan, 1000 * subject.seed + number)
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    write_plan(folder / f"plan{suffix}.toml", plan)
+    hidden = subject.finger.source if subject.finger else ""
+    with DataFile.resume(path, experiment.identity(hidden), experiment.rows) as data:
+        if data.done < len(experiment.rows):
+            bench = bench_for(experiment, data.done, subject.finger, lambda what: None)
+            with bench:
+                run(experiment, bench, data)
+    mark_spectra(path, datetime.date.today())
+    found.rows += len(experiment.rows)
+    found.measured_s += experiment.duration_s
+    found.settings += dict.fromkeys(row.setting for row in experiment.rows)
+    return path
+
+
+def _next(
+    subject: Subject,
+    model: TouchModel,
+    diagnosis: Diagnosis,
+    found: Investigation,
+    doable: Sequence[str],
+    budget: Budget,
+) -> list[Plan]:
+    """The plans of the next round, one per intervention; none with the outcome, where there is no point in any."""
+    procedure = load_plan(START).model_copy(update={"repeats": REPEATS, "sessions": 1})
+    possible = choices(subject.config, model, procedure, doable)
+    chosen = design(diagnosis, possible.pool, MOST_BLOCKS, 60.0 * budget.minutes - found.measured_s)
+    found.history.append(_told(diagnosis, chosen, possible.blocks))
+    alike = [name for names in _group(diagnosis).values() for name in names]
+    if alike and all(chosen.reach.get(name, 0.0) < ALIKE for name in alike):
+        found.outcome = ALIKE_HERE
+    elif not chosen.choices or found.rounds >= budget.rounds:
+        found.outcome = SPENT
+    if found.outcome:
+        return []
+    settings = [setting for choice in chosen.choices for setting in possible.blocks[choice.block]]
+    purpose = f"tells {' from '.join(chosen.choices[0].separates)}"
+    return [
+        procedure.model_copy(
+            update={
+                "name": f"round {found.rounds + 1}", "about": purpose, "intervention": done,
+                "settings": tuple(dict.fromkeys(s for s in settings if s.intervention == done)),
+            }
+        )
+        for done in dict.fromkeys(setting.intervention for setting in settings)
+    ]  # fmt: skip
+
+
+def _group(diagnosis: Diagnosis) -> dict[str, list[str]]:
+    return diagnosis.findings.verdict.group if diagnosis.findings else {}
+
+
+def _told(diagnosis: Diagnosis, chosen: Design, blocks: Sequence[tuple[Setting, ...]]) -> dict[str, Any]:
+    """One round in words and numbers: its verdict, what is proposed, and what even everything could tell."""
+    return {
+        "verdict": diagnosis.name,
+        "suspects": diagnosis.findings.verdict.suspects if diagnosis.findings else [],
+        "proposals": [
+            {
+                "settings": len(blocks[choice.block]),
+                "first": blocks[choice.block][0]._asdict(),
+                "separates": choice.separates,
+                "gain": choice.gain,
+            }
+            for choice in chosen.choices
+        ],
+        "reach": chosen.reach,
+    }
