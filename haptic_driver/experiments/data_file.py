@@ -35,8 +35,8 @@ ELECTRODE_COLUMNS = (
 )  # fmt: skip
 COLUMNS = (
     "frequency_hz", "voltage_v", "normal_force_n", "cof", "cof_std", "speed_m_s", "time_s", "session", "trial",
-    "voltage_offset_v", "waveform", "finger", "intervention", *ELECTRODE_COLUMNS, "kramers_kronig", "measured_normal_force_n",
-    "simulated",
+    "voltage_offset_v", "waveform", "finger", "intervention", *ELECTRODE_COLUMNS, "kramers_kronig",
+    "measured_normal_force_n", "simulated",
 )  # fmt: skip
 FINEST = 1e-5  # of an amount, or rad: no monitor's figures are known better
 UNKNOWN_PHASE_RAD = pi / sqrt(3.0)  # standard deviation of a phase of which nothing is known

@@ -1,7 +1,7 @@
 """An investigation: measure, diagnose, choose what tells most, and measure again, until a name is earned.
 
-Every round lies in a folder of its own: its plans, data and report. What is there already is not measured again, so that
-an investigation that was interrupted goes on where it stopped.
+Every round lies in a folder of its own: its plans, data and report. What is there already is not measured again: an
+investigation that was interrupted goes on where it stopped.
 """
 
 from __future__ import annotations
