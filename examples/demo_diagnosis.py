@@ -1,77 +1,80 @@
-"""The diagnosis closed: measure a rig with a hidden effect, name it, rebuild the surface, render again.
+"""The diagnosis closed: investigate a rig with a hidden effect, rebuild the surface with its name, render again.
 
-`python examples/demo_diagnosis.py --out DIR` runs the commands a lab would run and draws friction before and after.
+`python examples/demo_diagnosis.py --out DIR` investigates as a lab would and draws friction before and after.
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
-import io
-import json
-import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from haptic_driver.cli.main import main as haptic
+from haptic_driver.config import texture_dirs
+from haptic_driver.experiments.investigate import Budget, Investigation, Subject, investigate
+from haptic_driver.experiments.plan import load_plan
+from haptic_driver.pictures.friction import draw_before_and_after
+from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.slide import synthetic_slide
+from haptic_driver.rig.tick_settings import tick_settings
+from haptic_driver.simulation.rig import SimulatedRig
+from haptic_driver.simulation.slide import SlideRecord, render_slide, score
+from haptic_driver.surface.build import build_surface
+from haptic_driver.surface.models import load_model
+from haptic_driver.textures.library import load_texture
+from model.touch_model import TouchModel
 
-RIG, PLAN, MODEL = "hidden_humidity", "full", "reference"
+RIG, MODEL, PLAN, TEXTURE = "hidden_humidity", "reference", "witnesses", "grating"
 
 
-def command(*arguments: str) -> dict[str, Any]:
-    """Run one `haptic` command with --json and return its object; shows the command."""
-    print(f"$ haptic {' '.join(arguments)}")
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said):
-        status = haptic([*arguments, "--json"])
-    if status:
-        sys.exit(status)
-    found: dict[str, Any] = json.loads(said.getvalue())
-    return found
+@dataclass(frozen=True)
+class Demonstration:
+    """What the investigation found, what was rendered by the old model and by the new one, and the picture of both."""
+
+    found: Investigation
+    before: SlideRecord
+    after: SlideRecord
+    picture: Path
 
 
-def run(out: Path) -> dict[str, Any]:
-    """All steps; returns friction error and share within 5 % before and after, and the verdict."""
-    out.mkdir(parents=True, exist_ok=True)
-    data, diagnosis = str(out / "data.csv"), str(out / "diagnosis")
-    measured = command("measure", "--rig", RIG, "--plan", PLAN, "--out", data, "--force")
-    found = command("diagnose", data, "--model", MODEL, "--out", diagnosis)
-    surfaces = {"before": str(out / "before.h5"), "after": str(out / "after.h5")}
-    models = {"before": MODEL, "after": found["model"]}
-    rendered = {}
-    for when, surface in surfaces.items():
-        command("surface", "build", "--model", models[when], "--rig", RIG, "--out", surface)
-        rendered[when] = command("demo", "--rig", RIG, "--surface", surface, "--out", str(out / when))
-    keys = ("cof_error_rms", "share_within_5_percent", "max_voltage_v", "pictures")
-    return {
-        "rows": measured["rows"],
-        "verdict": found["verdict"],
-        "effects": [effect["name"] for effect in found["effects"]],
-        "not_told_apart": [name for effect in found["effects"] for name in effect["indistinguishable_from"]],
-        "held_out_chi2_per_point": found["fit"]["held_out_chi2_per_point"],
-        "gap_closed": found["fit"]["gap_closed"],
-        **{when: {key: rendered[when][key] for key in keys} for when in surfaces},
-    }
+def demonstrate(out: Path) -> Demonstration:
+    """All of it."""
+    subject = Subject(load_rig(RIG), load_model(MODEL), load_plan(PLAN))
+    found = investigate(subject, out / "investigation", Budget(), print)
+    before, after = rendered(MODEL), rendered(found.diagnosis["model"])
+    names = ", ".join(effect["name"].replace("_", " ") for effect in found.diagnosis["effects"])
+    picture = out / "before-and-after.png"
+    draw_before_and_after({"the model as given": before, f"with {names} added": after}, picture)
+    return Demonstration(found, before, after, picture)
+
+
+def rendered(model: str) -> SlideRecord:
+    """The rig's finger sliding over the texture, driven by the surface of a model."""
+    config, description, texture = load_rig(RIG), load_model(model), load_texture(TEXTURE, texture_dirs())
+    settings = tick_settings(config, build_surface(description, config.operating_limits()), texture)
+    finger = load_model(config.simulation.model or model)
+    with SimulatedRig(config, TouchModel(finger)) as rig:
+        return render_slide(synthetic_slide(), texture, settings, rig)
 
 
 def main() -> None:
     """Run and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/demo-diagnosis"))
-    out = parser.parse_args().out
-    found = run(out)
-    alike = f", not told from {', '.join(found['not_told_apart'])}" if found["not_told_apart"] else ""
-    print(f"\nverdict {found['verdict']}: {', '.join(found['effects']) or 'no name'}{alike}")
-    held = found["held_out_chi2_per_point"]
-    print(f"held-out error per point {held['before']:.2f} -> {held['after']:.2f} (1 is noise)")
-    for when in ("before", "after"):
-        it = found[when]
-        share = it["share_within_5_percent"]
+    shown = demonstrate(parser.parse_args().out)
+    found = shown.found
+    for number, told in enumerate(found.history, start=1):
+        after = {proposal["first"]["intervention"] for proposal in told["proposals"]} - {"none"}
+        then = f"measured again after: {', '.join(sorted(after))}" if after else "measured more"
+        print(f"round {number}: {told['verdict']}, {' or '.join(told['suspects'])}; then {then}")
+    names = ", ".join(effect["name"] for effect in found.diagnosis["effects"])
+    print(f"{found.outcome}: {names}, {found.rows} rows, {found.measured_s / 60.0:.0f} min of measuring")
+    for when, record in (("before", shown.before), ("after", shown.after)):
+        it = score(record)
         print(
-            f"{when:>6}: friction error {it['cof_error_rms']:.4f} rms, {100 * share:.0f} % of sliding time within 5 %, "
-            f"up to {it['max_voltage_v']:.0f} V, {it['pictures'][0]}"
+            f"{when:>6}: friction error {it.cof_error_rms:.4f} rms, {it.share_within_5_percent:.0%} of sliding time "
+            f"within 5 %, up to {it.max_voltage_v:.0f} V"
         )
-    print(f"report: {out / 'diagnosis' / 'report.html'}")
+    print(f"picture: {shown.picture}; report: {Path(found.diagnosis['model']).with_name('report.html')}")
 
 
 if __name__ == "__main__":

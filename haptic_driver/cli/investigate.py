@@ -10,10 +10,11 @@ import typer
 from rich.table import Table
 from typer import Option
 
-from haptic_driver.cli.output import Json, ModelOption, RigOption, report, status, stderr, stdout
+from haptic_driver.cli.output import Json, ModelOption, RigOption, named, report, status, stderr, stdout
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.investigate import Budget, Investigation, Subject
 from haptic_driver.experiments.investigate import investigate as run
+from haptic_driver.experiments.plan import load_plan
 from haptic_driver.files import bad_input
 from haptic_driver.rig.config import load_rig
 from haptic_driver.simulation.finger_function import load_finger
@@ -32,6 +33,7 @@ def investigate(
     rig: RigOption = "simulated",
     model: ModelOption = "reference",
     out: Annotated[Path, Option(help="Folder: one per round in it, and investigation.json.")] = Path("investigation"),
+    plan: Annotated[str, named("plans", "Plan of the first round")] = "witnesses",
     rounds: Annotated[int, Option(min=1, max=20, help="At most so many.")] = 4,
     minutes: Annotated[float, Option(min=1.0, help="Of measuring, at most.")] = 60.0,
     finger: Annotated[str | None, Option(help="module:function, all that the simulated finger does.")] = None,
@@ -54,7 +56,7 @@ def investigate(
     if not (config.simulated or yes):
         _ask_to_begin(config.name)
     function = None if finger is None else load_finger(finger)
-    subject = Subject(config, description, function, seed, _ask)
+    subject = Subject(config, description, load_plan(plan), function, seed, _ask)
     with bad_input("bad_data"), status("investigating") as tell:
         try:
             found = run(subject, out, Budget(rounds, minutes), tell)

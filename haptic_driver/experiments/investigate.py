@@ -15,7 +15,7 @@ from typing import Any
 
 from haptic_driver.experiments.benches import bench_for
 from haptic_driver.experiments.data_file import DataFile
-from haptic_driver.experiments.plan import Plan, Setting, load_plan, write_plan
+from haptic_driver.experiments.plan import Plan, Setting, write_plan
 from haptic_driver.experiments.pool import REPEATS, able, choices
 from haptic_driver.experiments.run import prepare, run
 from haptic_driver.experiments.spectra import mark_spectra
@@ -49,11 +49,12 @@ class Budget:
 class Subject:
     """What is investigated: a rig with a finger on it, and the model that it is held against.
 
-    `finger` is a simulated one's function. `ask` tells a person at a real rig what to do, and says whether it was done.
+    `plan` is measured first. `finger` is a simulated one's function. `ask` tells a person at a real rig what to do, and says whether it was done.
     """
 
     config: RigConfig
     description: ModelDescription
+    plan: Plan
     finger: FingerFunction | None = None
     seed: int = 0
     ask: Callable[[str], bool] = lambda todo: False
@@ -94,7 +95,7 @@ def investigate(
     """
     model, found = TouchModel(subject.description), Investigation()
     doable = list(able(subject.config, subject.finger is not None))
-    plans, files = [load_plan(START)], list[Path]()
+    plans, files = [subject.plan], list[Path]()
     while not found.outcome:
         found.rounds += 1
         folder = out / f"round-{found.rounds}"
@@ -153,7 +154,7 @@ def _next(
     budget: Budget,
 ) -> list[Plan]:
     """The plans of the next round, one per intervention; none with the outcome, where there is no point in any."""
-    procedure = load_plan(START).model_copy(update={"repeats": REPEATS, "sessions": 1})
+    procedure = subject.plan.model_copy(update={"repeats": REPEATS, "sessions": 1})
     possible = choices(subject.config, model, procedure, doable)
     chosen = design(diagnosis, possible.pool, MOST_BLOCKS, 60.0 * budget.minutes - found.measured_s)
     found.history.append(_told(diagnosis, chosen, possible.blocks))

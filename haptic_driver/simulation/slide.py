@@ -77,7 +77,11 @@ class Score:
 
 
 def render_slide(
-    slide: Slide, texture: Texture, settings: TickSettings, bench: SimulatedRig, progress: Callable[[int], None]
+    slide: Slide,
+    texture: Texture,
+    settings: TickSettings,
+    bench: SimulatedRig,
+    progress: Callable[[int], None] = lambda tick: None,
 ) -> SlideRecord:
     """Run the slide tick by tick; `progress` is called with every tick's number.
 

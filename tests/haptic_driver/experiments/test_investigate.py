@@ -1,0 +1,142 @@
+"""Investigations on simulated rigs: what is hidden in the finger gets its name, and what is proposed is allowed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptic_driver.experiments import pool
+from haptic_driver.experiments.benches import carried_out
+from haptic_driver.experiments.check import check
+from haptic_driver.experiments.investigate import Budget, Investigation, Subject, investigate
+from haptic_driver.experiments.plan import Plan, Setting, load_plan, write_plan
+from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.surface.models import load_model
+from model.conditions import Conditions
+from model.effects import BY_NAME
+from model.effects.interventions import INTERVENTIONS
+from model.touch_model import TouchModel
+
+# Two effects that no setting tells apart: sweat in columns is a conducting gap.
+HUMID = {"humid_gap_conduction": {"gap_conductivity_s_per_m": 8e-9}}
+PLAN = """
+name = "short"
+voltage_off_every = 4
+settle_s = 0.2
+average_s = 0.25
+pause_s = 0.0
+[[points]]
+frequency_hz = [20.0, 100.0, 250.0]
+voltage_v = [75.0, 110.0]
+normal_force_n = [0.25, 1.0]
+speed_m_s = 0.02
+[[sweep]]
+frequency_hz = { low = 10.0, high = 1e5, per_decade = 2 }
+normal_force_n = 0.5
+finger = ["none", "resting", "sliding"]
+"""
+
+
+def hiding(effects: dict[str, dict[str, float]]) -> RigConfig:
+    config = load_rig("simulated")
+    return config.model_copy(update={"simulation": config.simulation.model_copy(update={"hide": effects})})
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    path = tmp_path_factory.mktemp("plan") / "short.toml"
+    path.write_text(PLAN)
+    return load_plan(str(path))
+
+
+@pytest.fixture(scope="module")
+def found(short: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Investigation, Path]:
+    out = tmp_path_factory.mktemp("investigation")
+    subject = Subject(hiding(HUMID), load_model("reference"), short)
+    return investigate(subject, out, Budget(rounds=3)), out
+
+
+@pytest.mark.timeout(600)
+def test_what_settings_cannot_tell_apart_an_intervention_does(found: tuple[Investigation, Path]) -> None:
+    investigation, _ = found
+    assert investigation.outcome == "named"
+    (effect,) = investigation.diagnosis["effects"]
+    assert effect["name"] == "humid_gap_conduction"
+    value = effect["parameters"]["gap_conductivity_s_per_m"]
+    assert value["value"] == pytest.approx(8e-9, rel=0.05)
+    assert investigation.history[0]["suspects"][:2] in (
+        ["humid_gap_conduction", "sweat_film"], ["sweat_film", "humid_gap_conduction"]
+    )  # fmt: skip
+    done = {setting.intervention for setting in investigation.settings}
+    assert done & {"wipe", "dry_air"}
+
+
+def test_every_round_lies_in_its_folder(found: tuple[Investigation, Path]) -> None:
+    investigation, out = found
+    for number in range(1, investigation.rounds + 1):
+        assert (out / f"round-{number}" / "report.html").is_file()
+        assert list((out / f"round-{number}").glob("data*.csv"))
+        for plan in (out / f"round-{number}").glob("plan*.toml"):
+            assert load_plan(str(plan)).settings
+    said = json.loads((out / "investigation.json").read_text())
+    assert {"outcome", "rounds", "rows", "settings", "diagnosis"} <= set(said)
+    assert said["diagnosis"]["verdict"] == "effect_found"
+
+
+def test_what_is_there_is_not_measured_again(short: Plan, found: tuple[Investigation, Path]) -> None:
+    _, out = found
+    data = sorted(out.glob("round-*/data*.csv"))
+    before = [path.read_text() for path in data]
+    again = investigate(Subject(hiding(HUMID), load_model("reference"), short), out, Budget(rounds=3))
+    assert again.outcome == "named"
+    assert [path.read_text() for path in data] == before
+
+
+def test_nothing_is_proposed_that_the_rig_refuses(short: Plan) -> None:
+    config, model = load_rig("simulated"), TouchModel(load_model("reference"))
+    possible = pool.choices(config, model, short, pool.able(config, has_function=False))
+    settings = [setting for block in possible.blocks for setting in block]
+    points, refusals = check(settings, short, config, model)
+    assert refusals == []
+    assert max(setting.peak_v for setting in settings) <= config.limits.voltage_v
+    assert {setting.intervention for setting in settings} == {"none", *(known.name for known in INTERVENTIONS)}
+    assert possible.pool.block.max() == len(possible.blocks) - 1
+    assert len(points) == len(set(settings))
+
+
+def test_a_function_is_a_finger_that_nobody_can_wipe() -> None:
+    assert pool.able(load_rig("simulated"), has_function=True) == ()
+
+
+def test_an_intervention_takes_its_effects_away_and_no_others() -> None:
+    config = hiding(HUMID | {"floating_body": {"body_capacitance_f": 2e-10}})
+    assert set(carried_out(config, "dry_air").simulation.hide) == {"floating_body"}
+    assert set(carried_out(config, "strap").simulation.hide) == set(HUMID)
+    assert carried_out(config, "none") == config
+    assert all(name in BY_NAME for known in INTERVENTIONS for name in known.removes)
+
+
+def test_a_plan_with_sweeps_and_an_intervention_is_read_back_as_it_was(tmp_path: Path) -> None:
+    settings = (
+        Setting(250.0, 75.0, 0.5, 0.02, intervention="wipe"),
+        Setting(0.0, 0.0, 0.5, 0.02, intervention="wipe"),
+        Setting(1e4, 2.5, 0.25, 0.0, finger="resting", sweep=True, intervention="wipe"),
+        Setting(1e4, 2.5, 0.0, 0.0, finger="none", sweep=True, intervention="wipe"),
+        Setting(1e4, 2.5, 0.25, 0.01, sweep=True, intervention="wipe"),
+    )
+    plan = Plan(name="after", settings=settings, repeats=2, intervention="wipe")
+    write_plan(tmp_path / "plan.toml", plan)
+    assert load_plan(str(tmp_path / "plan.toml")) == plan
+
+
+def test_friction_comes_back_once_the_air_is_dry() -> None:
+    """The simulated finger of a rig on which an intervention was carried out is the model's again."""
+    config, model = carried_out(hiding(HUMID), "dry_air"), TouchModel(load_model("reference"))
+    condition = Conditions(np.array([20.0]), np.array([100.0]), np.array([0.5]))
+    from haptic_driver.simulation.friction import with_hidden
+
+    assert with_hidden(model, config.simulation.hide).predict(condition).cof == model.predict(condition).cof
+    assert with_hidden(model, HUMID).predict(condition).cof != model.predict(condition).cof
