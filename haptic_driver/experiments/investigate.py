@@ -26,12 +26,12 @@ from model.description import ModelDescription
 from model.diagnosis.data import read_measurements, together
 from model.diagnosis.design import Design, design
 from model.diagnosis.report import write_report
-from model.diagnosis.verdict import ALIKE, SURE
+from model.diagnosis.several import SURE
+from model.diagnosis.verdict import ALIKE
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects.interventions import BY_INTERVENTION, NOTHING
 from model.touch_model import TouchModel
 
-START = "start"  # the plan of the first round
 MOST_BLOCKS = 12  # of a later one
 ALIKE_HERE, SPENT = "cannot_be_told_apart", "budget_spent"
 OUTCOMES = {"effect_found": "named", "no_discrepancy": "nothing_missing", "unexplained": "unexplained"}
@@ -49,7 +49,8 @@ class Budget:
 class Subject:
     """What is investigated: a rig with a finger on it, and the model that it is held against.
 
-    `plan` is measured first. `finger` is a simulated one's function. `ask` tells a person at a real rig what to do, and says whether it was done.
+    `plan` is measured first. `finger` is a simulated one's function. `ask` tells a person at a real rig what to do, and
+    says whether it was done.
     """
 
     config: RigConfig

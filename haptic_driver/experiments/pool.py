@@ -46,7 +46,7 @@ def choices(config: RigConfig, model: TouchModel, procedure: Plan, interventions
     points, _ = check(list(allowed.values()), procedure, config, model)
     kept = [tuple(allowed[s] for s in block if allowed[s] in points) for block in blocks]
     permitted = tuple(block for block in kept if block)
-    cost_s = [REPEATS * sum(map(procedure.row_s, block)) + _hands_s(block) for block in permitted]
+    cost_s = [REPEATS * len(block) * procedure.row_s + _hands_s(block) for block in permitted]
     return Choices(permitted, _pool(config, permitted, np.array(cost_s)))
 
 
