@@ -175,7 +175,8 @@ def decide(
     needed = _needed_beside_discrepancy(weighed, group)
     if winner.name in needed and remainder <= LIST_REMAINDER and probabilities[UNKNOWN] < 0.5:
         why = f"needed even beside a discrepancy of unknown shape; what remains is {remainder:.0%} of its signature"
-        group += [name for name in needed if name not in (winner.name, *group)]
+        for name in (*needed, *_credible(probabilities)):  # what is named alone has to be probable, too
+            group += [name] if name not in (winner.name, *group) else []
         verdict = "ambiguous" if group or remainder > NAME_REMAINDER else "effect_found"
         return Verdict(verdict, False, winner, probabilities, {winner.name: group}, (why,))
     return Verdict(
