@@ -132,6 +132,11 @@ class Measurements:
         return np.asarray(on & ~np.isin(self.intervention, off))
 
     @property
+    def untouched(self) -> Mask:
+        """Observations [n] before which nobody had done anything at the rig."""
+        return np.ones(self.count, bool) if self.intervention is None else self.intervention == NOTHING
+
+    @property
     def sliding(self) -> Mask:
         """Observations [n] of a sliding finger."""
         return np.ones(self.count, bool) if self.finger is None else self.finger == "sliding"

@@ -17,16 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.data import Measurements
-from model.diagnosis.fit import STEP
+from model.diagnosis.fit import STEP, Problem
 from model.diagnosis.naming import Candidate
-from model.diagnosis.noise import gain_std
+from model.diagnosis.noise import LOOSE_DEGREES, Noise, gain_std
 from model.diagnosis.space import Predictor
+from model.diagnosis.verdict import ALIKE
 from model.diagnosis.witness import WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
-from model.support.arrays import Array
+from model.support.arrays import Array, Mask
 
 MODELS = 5  # that take part
-LEAST_WEIGHT = 1e-3  # of a pair, beside the weightiest: improbable rivals still deserve a test
+LEAST_WEIGHT = 1e-3  # of the first model and any other, beside the weightiest pair: each rival deserves a test
+LEAST_GAIN = 0.01  # of what is left to tell: a block that adds less is not worth its time
 USUAL_STD = 0.03  # of a witness that has said nothing so far, where nothing is usual of it
 
 
@@ -124,7 +126,7 @@ def design(diagnosis: Diagnosis, pool: Pool, most: int, most_s: float) -> Design
     enough = findings.weighed.apart
     left, left_s = set(range(pool.cost_s.size)), most_s
     choices: list[Choice] = []
-    while len(choices) < most and any(pair.reached < enough for pair in pairs):
+    while len(choices) < most and any(pair.reached < enough for pair in pairs if pair.weight > 0.0):
         possible = np.array(sorted(b for b in left if pool.cost_s[b] <= left_s), dtype=np.intp)
         if not possible.size:
             break
@@ -132,6 +134,9 @@ def design(diagnosis: Diagnosis, pool: Pool, most: int, most_s: float) -> Design
         so_far = np.array([[pair.reached] for pair in pairs])
         gains = np.minimum(reached, enough) - np.minimum(so_far, enough)
         weighed = np.array([[pair.weight] for pair in pairs]) * gains
+        wanted = sum(pair.weight * max(enough - pair.reached, 0.0) for pair in pairs)
+        if weighed.sum(axis=0).max() < LEAST_GAIN * wanted:
+            break
         best = int(np.argmax(weighed.sum(axis=0) / pool.cost_s[possible]))
         block, first = int(possible[best]), int(np.argmax(weighed[:, best]))
         added = [pair.choose(block) for pair in pairs]
@@ -170,14 +175,26 @@ def _pairs(findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool:
     gains = _session_gains(data)
     weights = [a[1] * b[1] for a, b in combinations(leaders, 2)]
     floor = LEAST_WEIGHT * max(weights, default=1.0) or 1.0
+    alike = {name for names in findings.verdict.group.values() for name in names}
     pairs = []
     for weight, (i, j) in zip(weights, combinations(range(len(leaders)), 2), strict=True):
         difference = np.nan_to_num(predictor.less(means[i], means[j]))[:, None]
+        if i == 0 and leaders[j][0].name in alike and _imitates(predictor, means[0], leaders[j][0], std, usable):
+            difference[data.untouched] = 0.0
         spread = np.nan_to_num(np.concatenate([gains, spreads[i], spreads[j]], axis=1))
         blocks = _by_block(sure * difference, sure * spread, pool)
         names = (leaders[i][0].name, leaders[j][0].name)
-        pairs.append(_Pair(names, max(weight, floor), blocks, _nothing(spread.shape[1])))
+        pairs.append(_Pair(names, max(weight, floor if i == 0 else 0.0), blocks, _nothing(spread.shape[1])))
     return pairs
+
+
+def _imitates(predictor: Predictor, mean: Array, rival: Candidate, std: Array, usable: Mask) -> bool:
+    """Whether a rival, fitted anew, foretells what another model says of all settings, with nothing done at the rig."""
+    plain = np.flatnonzero(usable & predictor.data.untouched)
+    noise = Noise(std[plain], np.diag(std[plain]), LOOSE_DEGREES, "design", 0, 0.0, np.ones(plain.size))
+    settings = Predictor(predictor.description, predictor.data.subset(plain), predictor.free)
+    fit = Problem(settings, mean[plain], noise).fit(rival.kinds, rival.fit.vector)
+    return fit.chi2 < ALIKE
 
 
 def _by_block(difference: Array, spread: Array, pool: Pool) -> _Told:

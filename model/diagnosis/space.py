@@ -99,7 +99,7 @@ class Predictor:
             raise ModelError("the equations as printed cannot be fitted to data", "Use a model of variant 'corrected'")
         self.description = description
         self.free = nuisances(description, data) if free is None else tuple(free)
-        self._data = data
+        self.data = data
         self._is_phase = data.is_phase
         self._witnesses = [(witness, data.of(witness)) for witness in data.witnesses]
         self._against = [data.against(witness) for witness in data.witnesses]
@@ -128,7 +128,7 @@ class Predictor:
     def predicted(self, kinds: Sequence[type[Effect]], vectors: Array) -> Array:
         """As observed [m, n], for parameter vectors [m, k]: nuisances first, then each effect's parameters in order."""
         parameters, effects = self.decode(kinds, vectors)
-        on = [self._data.with_effect(kind.name) for kind in kinds]
+        on = [self.data.with_effect(kind.name) for kind in kinds]
         if all(mask.all() for mask in on):
             return self._solve(parameters, effects, len(vectors))
         predicted = np.empty((len(vectors), self._row.size))
