@@ -21,10 +21,9 @@ from model.diagnosis.fit import STEP, Problem
 from model.diagnosis.naming import Candidate
 from model.diagnosis.noise import LOOSE_DEGREES, Noise, gain_std
 from model.diagnosis.space import Predictor
-from model.diagnosis.verdict import ALIKE
 from model.diagnosis.witness import WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
-from model.support.arrays import Array, Mask
+from model.support.arrays import Array
 
 MODELS = 5  # that take part
 LEAST_WEIGHT = 1e-3  # of the first model and any other, beside the weightiest pair: each rival deserves a test
@@ -178,9 +177,10 @@ def _pairs(findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool:
     alike = {name for names in findings.verdict.group.values() for name in names}
     pairs = []
     for weight, (i, j) in zip(weights, combinations(range(len(leaders)), 2), strict=True):
-        difference = np.nan_to_num(predictor.less(means[i], means[j]))[:, None]
-        if i == 0 and leaders[j][0].name in alike and _imitates(predictor, means[0], leaders[j][0], std, usable):
-            difference[data.untouched] = 0.0
+        rival = means[j]
+        if i == 0 and leaders[j][0].name in alike:
+            rival = _closest(predictor, means[0], leaders[j][0], std, rival)
+        difference = np.nan_to_num(predictor.less(means[i], rival))[:, None]
         spread = np.nan_to_num(np.concatenate([gains, spreads[i], spreads[j]], axis=1))
         blocks = _by_block(sure * difference, sure * spread, pool)
         names = (leaders[i][0].name, leaders[j][0].name)
@@ -188,13 +188,15 @@ def _pairs(findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool:
     return pairs
 
 
-def _imitates(predictor: Predictor, mean: Array, rival: Candidate, std: Array, usable: Mask) -> bool:
-    """Whether a rival, fitted anew, foretells what another model says of all settings, with nothing done at the rig."""
-    plain = np.flatnonzero(usable & predictor.data.untouched)
+def _closest(predictor: Predictor, mean: Array, rival: Candidate, std: Array, otherwise: Array) -> Array:
+    """What a rival says of each observation that it is fitted anew to foretell: where nothing is done at the rig."""
+    plain = np.flatnonzero(np.isfinite(mean) & np.isfinite(otherwise) & predictor.data.untouched)
     noise = Noise(std[plain], np.diag(std[plain]), LOOSE_DEGREES, "design", 0, 0.0, np.ones(plain.size))
     settings = Predictor(predictor.description, predictor.data.subset(plain), predictor.free)
     fit = Problem(settings, mean[plain], noise).fit(rival.kinds, rival.fit.vector)
-    return fit.chi2 < ALIKE
+    found = otherwise.copy()
+    found[plain] = settings.predicted(rival.kinds, fit.vector[None])[0]
+    return found
 
 
 def _by_block(difference: Array, spread: Array, pool: Pool) -> _Told:
