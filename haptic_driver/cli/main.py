@@ -41,7 +41,7 @@ COMMANDS = {
     "watch": "Show state, friction, voltage and flags until Ctrl-C; in a pipe or with --json, a JSON object per line.",
     "record": "Record every tick into a file, until --stop.",
     "export": "Write a run of a recording as CSV or Parquet, one row per tick.",
-    "measure": "Measure friction over a plan's frequencies, voltages, loads and speeds.",
+    "measure": "Measure friction, and the electrode's voltage and current, over a plan's settings.",
     "diagnose": "Find where measured friction and the model disagree, name the missing effect, add it, and prove it.",
     "investigate": "Measure, diagnose, propose and measure again, until the missing effect has a name.",
     "calibrate": "Fit a finger's own numbers (roughness, skin thickness, leakage, friction at 0 V) to its data.",

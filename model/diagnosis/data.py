@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.conditions import FINGERS, WAVEFORMS, Conditions
-from model.diagnosis.witness import FRICTION, WITNESSES, Witness, observed, stated_std
+from model.diagnosis.witness import FRICTION, VOLTAGE, WITNESSES, Witness, observed, stated_std
 from model.effects.interventions import BY_INTERVENTION, INTERVENTIONS, NOTHING
 from model.support.arrays import Array, Mask
 from model.support.errors import ModelError, nearest
@@ -57,7 +57,8 @@ class Measurements:
     Optional columns that the file does not have are absent from `columns`. `effects_on` [n]: the observations in which
     an effect under test is on; None for all of them. `witness` [n]: which of `WITNESSES` is observed, None for friction
     throughout; `row` [n] of the file, None where each has its own; `finger` [n] as in `Conditions`; `intervention` [n]:
-    what somebody had done at the rig, see `model.effects.interventions`, None for nothing anywhere.
+    what somebody had done at the rig, see `model.effects.interventions`, None for nothing anywhere. `left_out`: rows of
+    spectra that the file itself marks as in contradiction with Kramers and Kronig.
     """
 
     columns: dict[str, Array]
@@ -70,6 +71,7 @@ class Measurements:
     row: NDArray[np.intp] | None = None
     finger: NDArray[np.str_] | None = None
     intervention: NDArray[np.str_] | None = None
+    left_out: int = 0
 
     @property
     def count(self) -> int:
@@ -113,10 +115,14 @@ class Measurements:
         return np.isin(self.witness, PHASES) if self.witness is not None else np.zeros(self.count, bool)
 
     def against(self, witness: int) -> Mask:
-        """Of the observations of one witness, those that are compared with another of the same row."""
-        other = WITNESSES[witness].against
-        values = self.columns.get(other) if other else None
-        return np.zeros(int(self.of(witness).sum()), bool) if values is None else np.isfinite(values[self.of(witness)])
+        """Of the observations of one witness, those that are compared with another of the same row.
+
+        Where a voltage is measured without its phase, the current's phase counts from that voltage.
+        """
+        mine, known = self.of(witness), WITNESSES[witness]
+        others = [known.against, *([WITNESSES[VOLTAGE].column] if known.is_phase else [])] if known.against else []
+        told = [np.isfinite(self.columns[name][mine]) for name in others if name in self.columns]
+        return np.asarray(np.any([np.zeros(int(mine.sum()), bool), *told], axis=0))
 
     @property
     def group(self) -> NDArray[np.intp]:
@@ -221,7 +227,11 @@ def read_measurements(path: Path) -> Measurements:
     rows = Measurements(
         columns, session.ravel(), tuple(map(str, names)), waveform, table.content_hash, finger=finger, intervention=done
     )
-    return _observations(table, rows)
+    found = _observations(table, rows)
+    if found.row is None or not _says(table, "kramers_kronig"):
+        return found
+    fails = np.array([said == "fails" for said in table.text("kramers_kronig")])[found.row]
+    return replace(found.subset(~fails), left_out=int(np.unique(found.row[fails]).size))
 
 
 def _observations(table: Table, rows: Measurements) -> Measurements:
@@ -321,6 +331,7 @@ def together(parts: Sequence[tuple[str, Measurements]]) -> Measurements:
         row=None if one_witness else np.concatenate(rows),
         finger=_said([data.finger for data in sets], [data.count for data in sets], "sliding"),
         intervention=_said([data.intervention for data in sets], [data.count for data in sets], NOTHING),
+        left_out=sum(data.left_out for data in sets),
     )
 
 

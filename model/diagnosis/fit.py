@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -20,6 +21,8 @@ ITERATIONS = 40
 TOLERANCE = 1e-3  # nats
 FIRST_ITERATIONS = 5  # of every start, before the best go on
 STARTS_KEPT = 2
+MOST_IN_ONE_VALLEY = 2  # parameters of an effect
+OTHER_VALLEY = 0.7  # prior standard deviations of the last of more
 BAD = 1e3  # stands for a residual that the model cannot give, in standard deviations
 
 
@@ -108,15 +111,18 @@ class Problem:
         return Fit(kinds, vector, residual, jacobian, covariance, chi2, scale2, log_evidence)
 
     def best_fit(self, kinds: Sequence[type[Effect]], base: Array, starts: Sequence[float]) -> Fit:
-        """The best of several starts: from `base`, the last effect's first parameter at each of `starts`."""
+        """The best of several starts: from `base`, the last effect's first parameter at each of `starts`.
+
+        Effects of three parameters have valleys that do not meet: they start from another last parameter as well.
+        """
         start = np.zeros(self.predictor.size(kinds))
         start[: base.size] = base[: start.size]
         if not kinds:
             return self.fit(kinds, start)
-        first = start.size - len(kinds[-1].parameters())
+        count = len(kinds[-1].parameters())
         begun = []
-        for value in starts:
-            start[first] = value
+        for value, last in product(starts, (0.0, OTHER_VALLEY) if count > MOST_IN_ONE_VALLEY else (0.0,)):
+            start[start.size - count], start[-1] = value, last if count > 1 else value
             begun.append(self.fit(kinds, start, FIRST_ITERATIONS))
         begun.sort(key=lambda fit: -fit.log_evidence)
         return max((self.fit(kinds, fit.vector) for fit in begun[:STARTS_KEPT]), key=lambda fit: fit.log_evidence)

@@ -9,12 +9,13 @@ import numpy as np
 from scipy.special import logsumexp
 
 from model.diagnosis.fit import Problem
-from model.diagnosis.naming import Candidate, fit_candidates
+from model.diagnosis.naming import STARTS, Candidate, fit_candidates
 from model.effects import Effect
 from model.support.arrays import Array
 
 Kinds = tuple[type[Effect], ...]
 MOST = 3  # effects at once
+FITTED = 6  # of those beside others: the most promising
 ANOTHER = float(np.log(0.05))  # log prior of one more effect
 SURE = 0.95
 
@@ -68,9 +69,27 @@ class Search:
         return _evidence(chosen) - _evidence(self._fit(_without(chosen.kinds, i)))
 
     def _beside(self, kinds: Kinds) -> list[Candidate]:
-        """Those effects with each other one beside them."""
+        """Those effects with each other one beside them that has a chance."""
         others = [c.kinds[0] for c in self.singles if c.kinds[0] not in kinds]
+        if kinds:
+            scores = {other: self._score(kinds, other) for other in others}
+            likely = sorted(others, key=lambda other: -scores[other])[:FITTED]
+            others = [o for o in others if o in likely or frozenset((*kinds, o)) in self._fitted]
         return [self._fit((*kinds, other)) for other in others]
+
+    def _score(self, kinds: Kinds, other: type[Effect]) -> float:
+        """How much of what those effects leave has the shape of another's signature, in chi^2, at the best strength.
+
+        What their own parameters could take up does not count.
+        """
+        fit = self._fit(kinds).fit
+        vectors = np.zeros((len(STARTS), fit.vector.size + len(other.parameters())))
+        vectors[:, : fit.vector.size], vectors[:, fit.vector.size] = fit.vector, STARTS
+        own, _ = np.linalg.qr(fit.jacobian)
+        signatures = fit.residual - self.problem.whitened((*kinds, other), vectors)
+        signatures -= signatures @ own @ own.T
+        along = np.maximum(signatures @ fit.residual, 0.0)
+        return float(np.max(along**2 / np.maximum(np.sum(signatures**2, axis=1), 1e-12)))
 
     def _fit(self, kinds: Kinds) -> Candidate:
         key = frozenset(kinds)

@@ -65,7 +65,7 @@ def diagnose(
     description: ModelDescription, data: Measurements, seed: int = 0, progress: Callable[[str], None] = lambda _: None
 ) -> Diagnosis:
     """Run the whole workflow on one data set."""
-    warnings: list[str] = []
+    warnings = [f"{data.left_out} rows contradict Kramers and Kronig, and are left out"] if data.left_out else []
     noise = noise_of(data)
     kinds = testable_effects(data, description.effects)
     blocked = _blocked(data, noise, kinds)

@@ -228,7 +228,6 @@ def test_a_written_plan_is_the_same_plan(tmp_path: Path) -> None:
         Setting(1e3, 5.0, 0.5, 0.02, finger="sliding", sweep=True),
         Setting(1e4, 2.5, 0.0, 0.0, finger="none", sweep=True),
     )
-    write_plan(tmp_path / "next.toml", "next", 'to tell "a" from b', settings, 3)
-    plan = load_plan(str(tmp_path / "next.toml"))
-    assert plan.settings == settings
-    assert (plan.name, plan.about, plan.repeats) == ("next", 'to tell "a" from b', 3)
+    plan = Plan(name="next", about='to tell "a" from b', settings=settings, repeats=3)
+    write_plan(tmp_path / "next.toml", plan)
+    assert load_plan(str(tmp_path / "next.toml")) == plan

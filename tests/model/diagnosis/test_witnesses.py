@@ -165,6 +165,17 @@ class TestPrediction:
         assert seen[VOLTAGE][1] < -1.0
         assert seen[VOLTAGE_PHASE][1] < -1.0
 
+    def test_beside_a_voltage_without_a_phase_the_currents_counts_from_that(self, read) -> None:
+        """As a card writes it that sees both monitors and not the generator: the amplifier's own lag does not show."""
+        header = HEADER.replace("cof,cof_std,", "")
+        data = read("1e5,1e-3,0.5,,1e-9,0.5,9e-4,", header=header)
+        predictor, slow = Predictor(FINGER, data, ()), np.array([[-1.0, 0.0]])
+        change = predictor.predicted([BY_NAME["amplifier_bandwidth"]], slow) - predictor.predicted([], np.zeros((1, 0)))
+        assert abs(change[0][data.of(CURRENT_PHASE)][0]) < 1e-6
+        unseen = Predictor(FINGER, read("1e5,1e-3,0.5,,1e-9,0.5,,", header=header), ())
+        lag = unseen.predicted([BY_NAME["amplifier_bandwidth"]], slow) - unseen.predicted([], np.zeros((1, 0)))
+        assert lag[0][1] < -1.0
+
     def test_angles_differ_by_half_a_turn_at_most(self, read) -> None:
         data = read("250,75,0.5,0.6,0.01,,6e-5,3.1,,")
         predictor = Predictor(FINGER, data)

@@ -1,0 +1,105 @@
+"""Interventions in data, and which blocks of settings are chosen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model.conditions import Conditions
+from model.description import read_model
+from model.diagnosis.data import Measurements, read_measurements
+from model.diagnosis.design import _nothing, _Pair, _Told
+from model.diagnosis.space import Predictor
+from model.effects import BY_NAME, CATALOGUE
+from model.effects.interventions import INTERVENTIONS
+from model.parameters import Parameter
+from model.touch_model import TouchModel
+
+FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
+HUMID = BY_NAME["humid_gap_conduction"]
+HEADER = "frequency_hz,voltage_v,normal_force_n,cof,cof_std,intervention"
+
+
+def read(path: Path, header: str, *lines: str) -> Measurements:
+    path.write_text("\n".join([header, *lines]) + "\n", encoding="utf-8")
+    return read_measurements(path)
+
+
+def test_an_intervention_takes_its_effects_away_in_its_rows(tmp_path: Path) -> None:
+    """Against the model's own friction, with the effect where nothing removes it and without in the other row."""
+    data = read(
+        tmp_path / "a.csv", HEADER, "50,75,0.5,0.6,0.01,", "50,75,0.5,0.6,0.01,dry_air", "50,75,0.5,0.6,0.01,wipe"
+    )
+    got = Predictor(FINGER, data, ()).predicted([HUMID], np.array([[1.0]]))[0]
+    conditions = Conditions(np.array([50.0]), np.array([75.0]), np.array([0.5]))
+    (parameter,) = HUMID.parameters()
+    value = float(parameter.from_normal(np.asarray(1.0)))
+    wet = replace(FINGER, effect_parameters={HUMID.name: {parameter.name: Parameter(value, "", "")}})
+    without, with_it = (float(np.log(TouchModel(m).predict(conditions).cof[0])) for m in (FINGER, wet))
+    assert abs(with_it - without) > 0.01
+    np.testing.assert_allclose(got, [with_it, without, with_it], rtol=1e-9)
+
+
+def test_two_effects_are_taken_away_each_by_its_own(tmp_path: Path) -> None:
+    sweat = BY_NAME["sweat_film"]
+    data = read(tmp_path / "a.csv", HEADER, *(f"50,75,0.5,0.6,0.01,{what}" for what in ("none", "dry_air", "wipe")))
+    plain = read(tmp_path / "b.csv", HEADER, "50,75,0.5,0.6,0.01,none")
+    both, humid, sweaty = (
+        Predictor(FINGER, plain, ()).predicted(kinds, np.full((1, sum(len(k.parameters()) for k in kinds)), 0.5))[0, 0]
+        for kinds in ([HUMID, sweat], [HUMID], [sweat])
+    )
+    got = Predictor(FINGER, data, ()).predicted([HUMID, sweat], np.full((1, 4), 0.5))[0]
+    np.testing.assert_allclose(got, [both, sweaty, humid], rtol=1e-12)
+
+
+def test_an_unknown_intervention_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(Exception, match="line 2: intervention 'drying' is unknown"):
+        read(tmp_path / "a.csv", HEADER, "50,75,0.5,0.6,0.01,drying", "50,75,0.5,0.6,0.01,")
+
+
+def test_what_interventions_remove_is_in_the_catalogue() -> None:
+    assert {name for known in INTERVENTIONS for name in known.removes} <= {kind.name for kind in CATALOGUE}
+
+
+def test_rows_that_contradict_kramers_and_kronig_are_left_out(tmp_path: Path) -> None:
+    header = "frequency_hz,voltage_v,normal_force_n,current_a,current_phase_rad,finger,kramers_kronig"
+    lines = [f"{f},5,0.5,1e-5,0.5,resting,{said}" for f, said in ((1e2, "passes"), (1e3, "fails"), (1e4, ""))]
+    data = read(tmp_path / "a.csv", header, *lines)
+    assert sorted(set(data.columns["frequency_hz"])) == [1e2, 1e4]
+    assert data.left_out == 1
+
+
+def pair(
+    rng: np.random.Generator, blocks: int, rows: int, size: int
+) -> tuple[_Pair, list[tuple[np.ndarray, np.ndarray]]]:
+    raw = [(rng.normal(size=(rows, size)), rng.normal(size=rows)) for _ in range(blocks)]
+    told = _Told(
+        np.array([u.T @ u for u, _ in raw]), np.array([u.T @ d for u, d in raw]), np.array([d @ d for _, d in raw])
+    )
+    return _Pair(("a", "b"), 1.0, told, _nothing(size)), raw
+
+
+def test_the_separation_is_that_of_the_covariance() -> None:
+    """d' (1 + U U')^-1 d of everything measured, worked out in the space of the observations."""
+    rng = np.random.default_rng(3)
+    found, raw = pair(rng, 4, 7, 3)
+
+    def direct(which: list[int]) -> float:
+        u, d = np.concatenate([raw[b][0] for b in which]), np.concatenate([raw[b][1] for b in which])
+        return float(d @ np.linalg.solve(np.eye(d.size) + u @ u.T, d))
+
+    assert found.reach() == pytest.approx(direct([0, 1, 2, 3]))
+    added = found.choose(2)
+    assert added == pytest.approx(direct([2]))
+    assert added + found.choose(0) == pytest.approx(direct([2, 0]))
+    several = (found.told + found.blocks[np.array([1, 3])]).chi2()
+    np.testing.assert_allclose(several, [direct([2, 0, 1]), direct([2, 0, 3])])
+
+
+def test_no_parameter_free_enough_hides_nothing() -> None:
+    found, raw = pair(np.random.default_rng(5), 2, 6, 1)
+    silent = replace(found.blocks, normal=0.0 * found.blocks.normal, moment=0.0 * found.blocks.moment)
+    assert _Pair(("a", "b"), 1.0, silent, _nothing(1)).reach() == pytest.approx(sum(d @ d for _, d in raw))
