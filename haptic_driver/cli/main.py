@@ -22,6 +22,8 @@ from haptic_driver.errors import BadInputError, HapticError
 from hw.errors import DeviceError
 from model.support.errors import ModelError
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads would wait for each other over small matrices
+
 # The first line of each command's docstring, or its group's help: the help of `haptic` imports none of them. A module
 # is imported only when its command is asked for: `haptic off` must not wait for matplotlib.
 COMMANDS = {
