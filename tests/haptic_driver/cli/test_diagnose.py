@@ -22,7 +22,7 @@ def data(tmp_path_factory):
     plan = folder / "plan.toml"
     plan.write_text(
         'name = "small"\nabout = "for a test"\nfrequency_hz = [5, 20, 80, 250]\nvoltage_v = [60, 100, 130]\n'
-        "normal_force_n = [0.3, 0.8]\nspeed_m_s = [0.02]\nrepeats = 1\nsessions = 2\nvoltage_off_every = 4\n"
+        "normal_force_n = [0.3, 0.8]\nspeed_m_s = [0.02]\nrepeats = 1\nsessions = 3\nvoltage_off_every = 4\n"
     )
     path = folder / "data.csv"
     assert main(["measure", "--rig", "hidden_humidity", "--plan", str(plan), "--out", str(path), "--json"]) == 0
