@@ -13,20 +13,41 @@ from haptic_driver.experiments.plan import load_plan
 
 KEYS = {"verdict", "adequate", "effects", "alternatives", "where", "fit", "model", "seed"}
 CATALOGUE = 20
+FRICTION = (
+    "frequency_hz", "voltage_v", "normal_force_n", "cof", "cof_std", "speed_m_s", "time_s", "session", "trial",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory):
-    """Friction on a simulated rig whose finger hides humid conduction in the gap."""
-    folder = tmp_path_factory.mktemp("measured")
-    plan = folder / "plan.toml"
+def plan(tmp_path_factory):
+    plan = tmp_path_factory.mktemp("plan") / "plan.toml"
     plan.write_text(
         'name = "small"\nabout = "for a test"\nfrequency_hz = [5, 20, 80, 250]\nvoltage_v = [60, 100, 130]\n'
         "normal_force_n = [0.3, 0.8]\nspeed_m_s = [0.02]\nrepeats = 1\nsessions = 3\nvoltage_off_every = 4\n"
     )
-    path = folder / "data.csv"
+    return plan
+
+
+@pytest.fixture(scope="module")
+def data(plan, tmp_path_factory):
+    """Friction and current on a simulated rig whose finger hides humid conduction in the gap."""
+    path = tmp_path_factory.mktemp("measured") / "data.csv"
     assert main(["measure", "--rig", "hidden_humidity", "--plan", str(plan), "--out", str(path), "--json"]) == 0
     return path
+
+
+def measured_friction(plan, path, seed: int) -> None:
+    """Friction alone, which names less, on a rig whose finger hides a conducting insulator."""
+    hide = path.with_name("hide.toml")
+    hide.write_text("[johnsen_rahbek]\ninsulator_conductivity_s_per_m = 1e-9\n")
+    both = path.with_name("both.csv")
+    measure = ["measure", "--rig", "simulated", "--plan", str(plan), "--hide", str(hide), "--out", str(both), "--force"]
+    assert main([*measure, "--seed", str(seed), "--json"]) == 0
+    with both.open() as file, path.open("w", newline="") as out:
+        rows = list(csv.DictReader(file))
+        writer = csv.DictWriter(out, FRICTION, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 @pytest.fixture(scope="module")
@@ -60,18 +81,19 @@ def test_the_hidden_effect_is_found_or_listed(found) -> None:
     assert held["after"] < 0.5 * held["before"]
 
 
-def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(found, data, tmp_path, capsys) -> None:
-    out, said = found
+def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(plan, tmp_path, capsys) -> None:
+    out, data, more = tmp_path / "first", tmp_path / "data.csv", tmp_path / "more.csv"
+    measured_friction(plan, data, 1)
+    assert main(["diagnose", str(data), "--out", str(out), "--json"]) == 0
+    said = json.loads((out / "report.json").read_text())
     asked = [step for step in said["next_experiments"] if step["kind"] == "setting"]
     assert asked
-    plan = load_plan(str(out / "next_plan.toml"))
+    proposed = load_plan(str(out / "next_plan.toml"))
     wanted = {(s["frequency_hz"] or 0.0, s["voltage_v"], s["normal_force_n"], s["speed_m_s"]) for s in asked}
-    assert {setting[:4] for setting in plan.settings} == wanted
-    assert {setting.time_s for setting in plan.settings} == {s.get("time_s") for s in asked}
-    assert plan.repeats == asked[0]["repeats"]
-    more = tmp_path / "more.csv"
-    measure = ["measure", "--rig", "hidden_humidity", "--plan", str(out / "next_plan.toml"), "--out", str(more)]
-    assert main([*measure, "--seed", "9", "--json"]) == 0
+    assert {setting[:4] for setting in proposed.settings} == wanted
+    assert {setting.time_s for setting in proposed.settings} == {s.get("time_s") for s in asked}
+    assert proposed.repeats == asked[0]["repeats"]
+    measured_friction(out / "next_plan.toml", more, 9)
     capsys.readouterr()
     assert main(["diagnose", str(data), "--also", str(more), "--out", str(tmp_path / "both"), "--json"]) == 0
     both = json.loads(capsys.readouterr().out)
