@@ -92,13 +92,13 @@ class HapticClient:
         """Keep a lease alive."""
         return self._ask(verbs.RENEW, token)
 
-    def set(self, token: str, cof: float) -> Status:
-        """Ask for one friction everywhere."""
-        return self._ask(verbs.SET, token, cof=cof)
+    def set(self, token: str, cof: float, *, nearest: bool = False) -> Status:
+        """Ask for one friction everywhere; one far out of reach is refused, unless `nearest` will do."""
+        return self._ask(verbs.SET, token, cof=cof, nearest=nearest)
 
-    def play(self, token: str, texture: str) -> Status:
-        """Ask for a texture, by its name or the path of its file."""
-        return self._ask(verbs.PLAY, token, name=_named_from_anywhere(texture))
+    def play(self, token: str, texture: str, *, nearest: bool = False) -> Status:
+        """Ask for a texture, by its name or the path of its file; `nearest` where most of it is far out of reach."""
+        return self._ask(verbs.PLAY, token, name=_named_from_anywhere(texture), nearest=nearest)
 
     def off(self) -> Status:
         """Output to zero at once; HapticError when that cannot be shown."""
@@ -209,13 +209,13 @@ class Session:
         self._ending = threading.Event()
         self._renewing = threading.Thread(target=self._renew, name="lease", daemon=True)
 
-    def set(self, cof: float) -> Status:
-        """Ask for one friction everywhere."""
-        return self._client.set(self.token, cof)
+    def set(self, cof: float, *, nearest: bool = False) -> Status:
+        """Ask for one friction everywhere; one far out of reach is refused, unless `nearest` will do."""
+        return self._client.set(self.token, cof, nearest=nearest)
 
-    def play(self, texture: str) -> Status:
-        """Ask for a texture, by its name or the path of its file."""
-        return self._client.play(self.token, texture)
+    def play(self, texture: str, *, nearest: bool = False) -> Status:
+        """Ask for a texture, by its name or the path of its file; `nearest` where most of it is far out of reach."""
+        return self._client.play(self.token, texture, nearest=nearest)
 
     def off(self) -> Status:
         """Output to zero at once; still armed."""

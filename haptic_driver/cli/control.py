@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from haptic_driver.daemon.messages import Status
 
 POLL_S = 0.1
+Nearest = Annotated[bool, Option("--nearest", help="Render the nearest that is reachable, however far off it is.")]
 
 
 def arm(
@@ -67,10 +68,11 @@ def arm(
 
 def set_target(
     cof: Annotated[float, Argument(metavar="MU", help="Coefficient of friction to render.")],
+    nearest: Nearest = False,
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
-    """Ask for one friction everywhere; somebody must have armed.
+    """Ask for one friction everywhere; somebody must have armed. What the finger's load puts out of reach is refused.
 
     Example: `haptic set 0.6`
     """
@@ -79,7 +81,7 @@ def set_target(
     if not 0.0 < cof <= HIGHEST_ASKED_COF:
         hint = f"Give a coefficient of friction above 0, at most {HIGHEST_ASKED_COF:g}, such as 0.6"
         raise BadInputError("out_of_range", f"friction {cof:g} is out of range", hint)
-    ask(socket, as_json, lambda client: client.set(_token(client.socket), cof))
+    ask(socket, as_json, lambda client: client.set(_token(client.socket), cof, nearest=nearest))
 
 
 def off(socket: SocketOption = None, as_json: Json = False) -> None:
@@ -126,9 +128,9 @@ def reset(socket: SocketOption = None, as_json: Json = False) -> None:
     ask(socket, as_json, lambda client: client.reset())
 
 
-def play(name: str, socket: Path | None, as_json: bool) -> None:
+def play(name: str, nearest: bool, socket: Path | None, as_json: bool) -> None:
     """`haptic texture play`."""
-    ask(socket, as_json, lambda client: client.play(_token(client.socket), name))
+    ask(socket, as_json, lambda client: client.play(_token(client.socket), name, nearest=nearest))
 
 
 def show_status(status: Status) -> None:

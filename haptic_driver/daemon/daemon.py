@@ -49,7 +49,7 @@ class Daemon:
         self.shared = shared = SharedState()
         self.event_log = events = EventLog()
         self._orders = orders = Orders(settings, shared, events, clock)
-        self._targets = targets = Targets(shared, orders, events, clock)
+        self._targets = targets = Targets(shared, orders, events, clock, self._reachable)
         self._recordings = Recordings(shared, events, lambda: self.settings, identified)
         self.supervisor = Supervisor(settings, shared, orders, events, clock)
         self._watched = Watched(shared, orders, targets, events, settings.render)
@@ -164,14 +164,14 @@ class Daemon:
         """Keep the lease alive."""
         return self._orders.renew(token)
 
-    def set_target(self, token: str, cof: float) -> Status:
+    def set_target(self, token: str, cof: float, *, nearest: bool = False) -> Status:
         """Ask for one friction everywhere."""
-        self._targets.set(token, cof)
+        self._targets.set(token, cof, nearest=nearest)
         return self.status()
 
-    def play(self, token: str, texture: str) -> Status:
+    def play(self, token: str, texture: str, *, nearest: bool = False) -> Status:
         """Ask for a texture, or begin a script."""
-        self._targets.play(token, texture)
+        self._targets.play(token, texture, nearest=nearest)
         return self.status()
 
     def off(self) -> Status:
@@ -249,6 +249,9 @@ class Daemon:
         return drawings.texture_map(self._targets.target, self._clock())
 
     # --- inside ------------------------------------------------------------------------------------------------
+
+    def _reachable(self, normal_force_n: float) -> tuple[float, float]:
+        return self.settings.render.tick.controller.reachable(normal_force_n)
 
     def _measured_cof(self) -> float | None:
         """Mean over the last samples; None without sliding contact."""

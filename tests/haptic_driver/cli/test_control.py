@@ -102,7 +102,14 @@ def test_detached_arm_fails_as_arm_does(haptic, socket):
 
 @pytest.mark.parametrize("cof", ["1e-3", "10"])
 def test_frictions_to_the_ends_of_the_daemons_range_are_passed_on(haptic, armed, cof):
-    assert done_json(haptic("set", cof, "--json"))["target_cof"] == float(cof)
+    assert done_json(haptic("set", cof, "--nearest", "--json"))["target_cof"] == float(cof)
+
+
+def test_a_slip_of_the_hand_is_refused_and_nearest_insists(haptic, armed):
+    done = haptic("set", "7", "--json")
+    assert (done.status, done.said["error"]["code"]) == (2, "unreachable")
+    assert done_json(haptic("status", "--json"))["output_on"] is False
+    assert done_json(haptic("set", "7", "--nearest", "--json"))["target_cof"] == 7.0
 
 
 def test_off_that_cannot_be_shown_fails(haptic, armed, control):

@@ -71,6 +71,27 @@ def test_off_is_off_at_once_and_stays_so_until_asked_again(daemon, electrode_v):
         assert electrode_v() == 0.0
 
 
+def test_a_friction_far_out_of_reach_is_refused_with_the_range_and_nothing_comes_on(daemon, electrode_v, tmp_path):
+    """7 for 0.7; the simulated finger presses with 0.5 N or so."""
+    lease = daemon.arm(5.0)
+    low, high = daemon.settings.render.tick.controller.reachable(0.5)
+    for cof in (7.0, 1.25 * high, 0.85 * low):
+        with pytest.raises(BadInputError, match=r"far out of reach: 0\.\d+ to 1\.\d+ at 0\.\d+ N") as error:
+            daemon.set_target(lease.token, cof)
+        assert error.value.code == "unreachable"
+        assert "--nearest" in error.value.hint
+    assert daemon.status().state is DaemonState.ARMED
+    assert electrode_v() == 0.0
+    mostly_far = tmp_path / "far.toml"
+    mostly_far.write_text('kind = "uniform"\ncof = 4.0\n')
+    with pytest.raises(BadInputError, match=r"most of .*far\.toml, 4 to 4, is far out of reach"):
+        daemon.play(lease.token, str(mostly_far))
+    assert refusal(daemon.set_target, "mine", 7.0).code == "not_yours"  # and is not told the range
+    assert electrode_v() == 0.0
+    assert daemon.set_target(lease.token, 0.93 * low).state is DaemonState.RENDERING
+    assert daemon.set_target(lease.token, 7.0, nearest=True).target_cof == 7.0
+
+
 def test_a_lost_client_takes_the_output_to_zero_and_the_lease_away(daemon, electrode_v):
     lease = daemon.arm(0.3)
     daemon.set_target(lease.token, 0.65)
