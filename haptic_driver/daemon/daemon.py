@@ -26,14 +26,13 @@ from haptic_driver.daemon.supervision import Supervisor
 from haptic_driver.daemon.targets import Targets
 from haptic_driver.daemon.watchers import WATCHERS, Watched
 from haptic_driver.daemon.web import drawings
-from haptic_driver.errors import HapticError
+from haptic_driver.errors import HapticError, message_of
 from haptic_driver.processes.shared_memory import RING_SAMPLES, SharedState
 from haptic_driver.recording.event import Event
 from haptic_driver.rig.actuator import actuator_name
 from haptic_driver.rig.devices import calibration_ids
 from haptic_driver.rig.states import RigState
 from haptic_driver.textures.library import texture_names
-from hw.errors import DeviceError
 
 WATCH_PERIOD_S = 0.02
 MEASURED_SAMPLES = 100
@@ -115,8 +114,8 @@ class Daemon:
                     watch(self._watched, now_s)
                 self._recordings.watch()
                 self.supervisor.watch(now_s)
-            except (HapticError, DeviceError) as error:
-                self._orders.fail(error.message)
+            except Exception as error:  # whatever it is: watching goes on, with the output off
+                self._orders.fail(message_of(error))
             ending.wait(WATCH_PERIOD_S)
 
     # --- what the API asks -------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import resource
 import signal
 import socket
 import subprocess
@@ -134,6 +135,21 @@ def test_another_fingers_model_is_used_from_then_on(daemon, settings, tmp_path):
         daemon.use_model("nobody")
     assert daemon.status().model == "reference"
     assert not [event for event in daemon.events(began) if event.kind == "fault"]
+
+
+def test_running_out_of_file_descriptors_is_survived(daemon):
+    """What died is tried again until descriptors are there again, and the daemon says what is in the way."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
+    try:
+        os.kill(daemon.pids["render"], signal.SIGKILL)
+        until(lambda: "cannot be started again: OSError: [Errno 24]" in daemon.supervisor.missing)
+        assert daemon.status().state is DaemonState.FAULT
+        assert "Too many open files" in refusal(daemon.reset).message
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    until(lambda: not daemon.supervisor.missing)
+    assert daemon.reset().state is DaemonState.IDLE
 
 
 def test_a_run_that_is_recorded_keeps_its_model(daemon, tmp_path):
