@@ -207,6 +207,7 @@ class Session:
         self._client = client
         self._period_s = lease.lease_s / RENEWALS_PER_LEASE
         self._ending = threading.Event()
+        self._answered = threading.Event()  # the first renewal
         self._renewing = threading.Thread(target=self._renew, name="lease", daemon=True)
 
     def set(self, cof: float, *, nearest: bool = False) -> Status:
@@ -220,6 +221,17 @@ class Session:
     def off(self) -> Status:
         """Output to zero at once; still armed."""
         return self._client.off()
+
+    def wait_held(self) -> None:
+        """Until the lease has been renewed once, and so is held by a thread that runs, however slowly it came up.
+
+        Raises LeaseLostError when it was lost before that, HapticError when the daemon does not answer.
+        """
+        answered = self._answered.wait(TIMEOUT_S)
+        if self.lost is not None:
+            raise self.lost
+        if not answered:
+            raise NoDaemonError("no_answer", f"the daemon at {self._client.socket} does not answer", "look at its log")
 
     def wait_lost(self, timeout_s: float) -> bool:
         """Wait until the lease is lost, at most so long; whether it is."""
@@ -249,15 +261,18 @@ class Session:
 
     def _renew(self) -> None:
         """The daemon may be slow, and then the lease runs out by itself; only its refusal ends this."""
-        while not self._ending.wait(self._period_s):
+        while not self._ending.is_set():
             try:
                 self._client.renew(self.token)
+                self._answered.set()
             except RefusedError as refused:
                 if not self._ending.is_set():
                     self.lost = LeaseLostError(refused.code, refused.message, refused.hint)
+                self._answered.set()
                 return
             except HapticError:
-                continue
+                pass
+            self._ending.wait(self._period_s)
 
 
 def _checked(schema: type[Schema], values: dict[str, object]) -> Schema:
