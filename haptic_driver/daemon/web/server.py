@@ -40,7 +40,7 @@ def serve(daemon: Daemon, place: Place, tcp_port: int | None = None, page: Path 
     lane = OffLane(daemon)
     servers, url, token_file = [(_server(create_app(daemon, page), lane), place.listener)], None, None
     if tcp_port is not None:
-        listener = _listen(tcp_port)
+        listener = listen(tcp_port)
         token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
         token_file = place.path.with_name(place.path.name + ".token")
         hosts = frozenset({f"{LOOPBACK}:{port}", f"localhost:{port}"})
@@ -106,7 +106,8 @@ def _server(app: ASGIApp, off_lane: OffLane | None = None) -> uvicorn.Server:
     )
 
 
-def _listen(port: int) -> socket.socket:
+def listen(port: int) -> socket.socket:
+    """A loopback socket at a port, 0: any that is free. Raises HapticError when it cannot be had."""
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -297,7 +297,7 @@ def test_the_command_ends_with_the_output_off_and_a_killed_one_is_replaced(tmp_p
         process = start()
         assert receiver.recv(2048).startswith(b"/haptic/sample\0")
     assert oct(path.stat().st_mode & 0o777) == "0o600"
-    os.kill(process.pid, signal.SIGTERM)
+    os.kill(process.pid, signal.SIGHUP)  # as a closed terminal does; SIGTERM and Ctrl-C do the same
     said = process.stderr.read()
     process.stderr.close()
     assert process.wait(HANG_S) == 0
