@@ -81,7 +81,9 @@ def set_target(
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
-    """Ask for one friction everywhere; somebody must have armed. What the finger's load puts out of reach is refused.
+    """Ask for one friction everywhere; somebody must have armed.
+
+    A friction far out of reach at the finger's load is refused, with the range.
 
     Example: `haptic set 0.6`
     """

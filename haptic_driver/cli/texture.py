@@ -85,7 +85,9 @@ def check(
 
 @app.command()
 def play(name: Name, nearest: control.Nearest = False, socket: SocketOption = None, as_json: Json = False) -> None:
-    """Ask the daemon for a texture; somebody must have armed. One that is mostly out of reach is refused.
+    """Ask the daemon for a texture; somebody must have armed.
+
+    One that is mostly far out of reach is refused, with the range.
 
     Example: `haptic texture play linen`
     """

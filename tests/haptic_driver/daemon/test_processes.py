@@ -62,9 +62,10 @@ def test_a_lock_that_is_a_link_or_of_another_user_is_not_followed(path, tmp_path
     lock.unlink()
     lock.touch()
     real = os.fstat
-    with monkeypatch.context() as patched, pytest.raises(HapticError, match="belongs to another user"):
+    with monkeypatch.context() as patched:
         patched.setattr(os, "fstat", lambda file: SimpleNamespace(st_uid=real(file).st_uid + 1))
-        Place(path)
+        with pytest.raises(HapticError, match="belongs to another user"):
+            Place(path)
 
 
 def test_what_a_killed_daemon_left_behind_is_replaced(path):
