@@ -92,13 +92,13 @@ class HapticClient:
         """Keep a lease alive."""
         return self._ask(verbs.RENEW, token)
 
-    def set(self, token: str, cof: float) -> Status:
-        """Ask for one friction everywhere."""
-        return self._ask(verbs.SET, token, cof=cof)
+    def set(self, token: str, cof: float, *, nearest: bool = False) -> Status:
+        """Ask for one friction everywhere; one far out of reach is refused, unless `nearest` will do."""
+        return self._ask(verbs.SET, token, cof=cof, nearest=nearest)
 
-    def play(self, token: str, texture: str) -> Status:
-        """Ask for a texture, by its name or the path of its file."""
-        return self._ask(verbs.PLAY, token, name=_named_from_anywhere(texture))
+    def play(self, token: str, texture: str, *, nearest: bool = False) -> Status:
+        """Ask for a texture, by its name or the path of its file; `nearest` where most of it is far out of reach."""
+        return self._ask(verbs.PLAY, token, name=_named_from_anywhere(texture), nearest=nearest)
 
     def off(self) -> Status:
         """Output to zero at once; HapticError when that cannot be shown."""
@@ -207,19 +207,31 @@ class Session:
         self._client = client
         self._period_s = lease.lease_s / RENEWALS_PER_LEASE
         self._ending = threading.Event()
+        self._answered = threading.Event()  # the first renewal
         self._renewing = threading.Thread(target=self._renew, name="lease", daemon=True)
 
-    def set(self, cof: float) -> Status:
-        """Ask for one friction everywhere."""
-        return self._client.set(self.token, cof)
+    def set(self, cof: float, *, nearest: bool = False) -> Status:
+        """Ask for one friction everywhere; one far out of reach is refused, unless `nearest` will do."""
+        return self._client.set(self.token, cof, nearest=nearest)
 
-    def play(self, texture: str) -> Status:
-        """Ask for a texture, by its name or the path of its file."""
-        return self._client.play(self.token, texture)
+    def play(self, texture: str, *, nearest: bool = False) -> Status:
+        """Ask for a texture, by its name or the path of its file; `nearest` where most of it is far out of reach."""
+        return self._client.play(self.token, texture, nearest=nearest)
 
     def off(self) -> Status:
         """Output to zero at once; still armed."""
         return self._client.off()
+
+    def wait_held(self) -> None:
+        """Until the lease has been renewed once, and so is held by a thread that runs, however slowly it came up.
+
+        Raises LeaseLostError when it was lost before that, HapticError when the daemon does not answer.
+        """
+        answered = self._answered.wait(TIMEOUT_S)
+        if self.lost is not None:
+            raise self.lost
+        if not answered:
+            raise NoDaemonError("no_answer", f"the daemon at {self._client.socket} does not answer", "look at its log")
 
     def wait_lost(self, timeout_s: float) -> bool:
         """Wait until the lease is lost, at most so long; whether it is."""
@@ -249,15 +261,18 @@ class Session:
 
     def _renew(self) -> None:
         """The daemon may be slow, and then the lease runs out by itself; only its refusal ends this."""
-        while not self._ending.wait(self._period_s):
+        while not self._ending.is_set():
             try:
                 self._client.renew(self.token)
+                self._answered.set()
             except RefusedError as refused:
                 if not self._ending.is_set():
                     self.lost = LeaseLostError(refused.code, refused.message, refused.hint)
+                self._answered.set()
                 return
             except HapticError:
-                continue
+                pass
+            self._ending.wait(self._period_s)
 
 
 def _checked(schema: type[Schema], values: dict[str, object]) -> Schema:

@@ -25,9 +25,11 @@ from haptic_driver.errors import BadInputError, HapticError
 
 if TYPE_CHECKING:
     from haptic_driver.client import HapticClient, Session
-    from haptic_driver.daemon.messages import Status
+    from haptic_driver.daemon.messages import Lease, Status
 
 POLL_S = 0.1
+ALREADY = "armed already"
+Nearest = Annotated[bool, Option("--nearest", help="Render the nearest that is reachable, however far off it is.")]
 
 
 def arm(
@@ -48,29 +50,40 @@ def arm(
     """
     if detach:
         held = _detached(_socket(socket), lease_s, for_s)
-        report(as_json, held, lambda: stdout.print("armed; disarm with: haptic disarm"))
+        report(as_json, held, lambda: stdout.print(f"{held['state']}; disarm with: haptic disarm"))
         return
     from haptic_driver.client import LeaseLostError  # noqa: PLC0415  (HTTP is slow to import)
+    from haptic_driver.daemon.messages import RefusedError  # noqa: PLC0415
 
     # SIGTERM and a closed terminal end it as Ctrl-C does, which also ends it where a script ignores it.
     as_ctrl_c = signals_to(signal.default_int_handler, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     with client_of(socket) as client:
         try:
             with client.armed(lease_s) as session, _lease_file(client.socket, session.token), as_ctrl_c:
+                session.wait_held()
                 held = {"state": "armed", "lease_s": lease_s, "token_file": str(_token_path(client.socket))}
                 report(as_json, held, lambda: stdout.print(f"armed, lease {lease_s:g} s; Ctrl-C disarms"))
                 with suppress(KeyboardInterrupt):  # the usual end
                     _hold(client, session, for_s, while_pid, tell=not as_json)
         except LeaseLostError as lost:
             _raise_unless_disarmed(client.status(), lost.code)
+        except RefusedError as refused:
+            if refused.code != "already_armed" or (lease := _held_already(client)) is None:
+                raise
+            held = {"state": ALREADY, "lease_s": lease.lease_s, "token_file": str(_token_path(client.socket))}
+            said = f"{ALREADY}, by an earlier haptic arm of yours; lease {lease.lease_s:g} s"
+            report(as_json, held, lambda: stdout.print(said))
 
 
 def set_target(
     cof: Annotated[float, Argument(metavar="MU", help="Coefficient of friction to render.")],
+    nearest: Nearest = False,
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
     """Ask for one friction everywhere; somebody must have armed.
+
+    A friction far out of reach at the finger's load is refused, with the range.
 
     Example: `haptic set 0.6`
     """
@@ -79,7 +92,7 @@ def set_target(
     if not 0.0 < cof <= HIGHEST_ASKED_COF:
         hint = f"Give a coefficient of friction above 0, at most {HIGHEST_ASKED_COF:g}, such as 0.6"
         raise BadInputError("out_of_range", f"friction {cof:g} is out of range", hint)
-    ask(socket, as_json, lambda client: client.set(_token(client.socket), cof))
+    ask(socket, as_json, lambda client: client.set(_token(client.socket), cof, nearest=nearest))
 
 
 def off(socket: SocketOption = None, as_json: Json = False) -> None:
@@ -126,9 +139,9 @@ def reset(socket: SocketOption = None, as_json: Json = False) -> None:
     ask(socket, as_json, lambda client: client.reset())
 
 
-def play(name: str, socket: Path | None, as_json: bool) -> None:
+def play(name: str, nearest: bool, socket: Path | None, as_json: bool) -> None:
     """`haptic texture play`."""
-    ask(socket, as_json, lambda client: client.play(_token(client.socket), name))
+    ask(socket, as_json, lambda client: client.play(_token(client.socket), name, nearest=nearest))
 
 
 def show_status(status: Status) -> None:
@@ -181,6 +194,14 @@ def _token(socket: Path) -> str:
     except OSError:
         said = "nobody has armed with `haptic arm`"
         raise HapticError("not_armed", said, "haptic arm in another terminal, or haptic arm --detach") from None
+
+
+def _held_already(client: HapticClient) -> Lease | None:
+    """The lease that an earlier `haptic arm` of this user holds; None where somebody else does."""
+    try:
+        return client.renew(_token(client.socket))
+    except HapticError:
+        return None
 
 
 @contextmanager
@@ -238,4 +259,6 @@ def _detached(socket: Path, lease_s: float, for_s: float | None) -> dict[str, An
     if "state" not in held:
         error = held.get("error", {"code": "not_armed", "message": "cannot arm", "hint": "haptic arm says more"})
         raise (BadInputError if holder.wait() == BadInputError.exit_status else HapticError)(**error)
+    if held["state"] == ALREADY:
+        holder.wait()
     return held

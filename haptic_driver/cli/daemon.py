@@ -47,12 +47,15 @@ def run(
 
     Example: `haptic daemon run --rig simulated --port 8470`
     """
+    from haptic_driver.daemon.quiet_log import OncePerSecond  # noqa: PLC0415
     from haptic_driver.daemon.run import run_daemon  # noqa: PLC0415  (the web server is slow to import)
 
     def announce(socket: Path, page: str | None) -> None:
         report(as_json, {"socket": str(socket), "page": page}, lambda: _show(rig, socket, page))
 
     logging.basicConfig(format="%(asctime)s %(name)s: %(message)s", level=logging.INFO)
+    for handler in logging.getLogger().handlers:
+        handler.addFilter(OncePerSecond())
     return run_daemon(rig, socket, model, allow_no_rt, port, lsl, osc, announce)
 
 

@@ -84,12 +84,14 @@ def check(
 
 
 @app.command()
-def play(name: Name, socket: SocketOption = None, as_json: Json = False) -> None:
+def play(name: Name, nearest: control.Nearest = False, socket: SocketOption = None, as_json: Json = False) -> None:
     """Ask the daemon for a texture; somebody must have armed.
+
+    One that is mostly far out of reach is refused, with the range.
 
     Example: `haptic texture play linen`
     """
-    control.play(name, socket, as_json)
+    control.play(name, nearest, socket, as_json)
 
 
 def _entry(name: str) -> dict[str, Any]:

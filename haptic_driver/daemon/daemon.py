@@ -26,14 +26,13 @@ from haptic_driver.daemon.supervision import Supervisor
 from haptic_driver.daemon.targets import Targets
 from haptic_driver.daemon.watchers import WATCHERS, Watched
 from haptic_driver.daemon.web import drawings
-from haptic_driver.errors import HapticError
+from haptic_driver.errors import HapticError, message_of
 from haptic_driver.processes.shared_memory import RING_SAMPLES, SharedState
 from haptic_driver.recording.event import Event
 from haptic_driver.rig.actuator import actuator_name
 from haptic_driver.rig.devices import calibration_ids
 from haptic_driver.rig.states import RigState
 from haptic_driver.textures.library import texture_names
-from hw.errors import DeviceError
 
 WATCH_PERIOD_S = 0.02
 MEASURED_SAMPLES = 100
@@ -49,7 +48,7 @@ class Daemon:
         self.shared = shared = SharedState()
         self.event_log = events = EventLog()
         self._orders = orders = Orders(settings, shared, events, clock)
-        self._targets = targets = Targets(shared, orders, events, clock)
+        self._targets = targets = Targets(shared, orders, events, clock, self._reachable)
         self._recordings = Recordings(shared, events, lambda: self.settings, identified)
         self.supervisor = Supervisor(settings, shared, orders, events, clock)
         self._watched = Watched(shared, orders, targets, events, settings.render)
@@ -115,8 +114,8 @@ class Daemon:
                     watch(self._watched, now_s)
                 self._recordings.watch()
                 self.supervisor.watch(now_s)
-            except (HapticError, DeviceError) as error:
-                self._orders.fail(error.message)
+            except Exception as error:  # whatever it is: watching goes on, with the output off
+                self._orders.fail(message_of(error))
             ending.wait(WATCH_PERIOD_S)
 
     # --- what the API asks -------------------------------------------------------------------------------------
@@ -164,14 +163,14 @@ class Daemon:
         """Keep the lease alive."""
         return self._orders.renew(token)
 
-    def set_target(self, token: str, cof: float) -> Status:
+    def set_target(self, token: str, cof: float, *, nearest: bool = False) -> Status:
         """Ask for one friction everywhere."""
-        self._targets.set(token, cof)
+        self._targets.set(token, cof, nearest=nearest)
         return self.status()
 
-    def play(self, token: str, texture: str) -> Status:
+    def play(self, token: str, texture: str, *, nearest: bool = False) -> Status:
         """Ask for a texture, or begin a script."""
-        self._targets.play(token, texture)
+        self._targets.play(token, texture, nearest=nearest)
         return self.status()
 
     def off(self) -> Status:
@@ -249,6 +248,9 @@ class Daemon:
         return drawings.texture_map(self._targets.target, self._clock())
 
     # --- inside ------------------------------------------------------------------------------------------------
+
+    def _reachable(self, normal_force_n: float) -> tuple[float, float]:
+        return self.settings.render.tick.controller.reachable(normal_force_n)
 
     def _measured_cof(self) -> float | None:
         """Mean over the last samples; None without sliding contact."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Annotated
 
-from pydantic import Field, FiniteFloat, RootModel
+from pydantic import ConfigDict, Field, FiniteFloat, RootModel
 
 from haptic_driver.config import Checked
 from haptic_driver.errors import HapticError
@@ -70,31 +70,39 @@ class Lease(Checked):
     lease_s: float
 
 
-class FrictionChoice(Checked):
-    """`haptic set MU`."""
+class Request(Checked):
+    """Base of what a client sends as JSON: a number is a number, neither `true` nor text."""
+
+    model_config = ConfigDict(strict=True)
+
+
+class FrictionChoice(Request):
+    """`haptic set MU`; more than 10 % out of reach at the present load it is refused, unless `nearest` will do."""
 
     cof: Annotated[FiniteFloat, Field(gt=0.0, le=HIGHEST_ASKED_COF)]
+    nearest: bool = False
 
 
-class TextureChoice(Checked):
-    """`haptic texture play T`."""
+class TextureChoice(Request):
+    """`haptic texture play T`; refused when more than half of it is as far out of reach, unless `nearest` will do."""
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
+    nearest: bool = False
 
 
-class ModelChoice(Checked):
+class ModelChoice(Request):
     """`haptic use MODEL`."""
 
     name: Annotated[str, Field(min_length=1, max_length=1000)]
 
 
-class ArmRequest(Checked):
+class ArmRequest(Request):
     """`haptic arm`."""
 
     lease_s: Annotated[FiniteFloat, Field(ge=0.1, le=60.0)] = 0.5
 
 
-class RecordingRequest(Checked):
+class RecordingRequest(Request):
     """`haptic record FILE`; null stops."""
 
     path: Annotated[str, Field(min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f]+$")] | None

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from haptic_driver.errors import HapticError
+from haptic_driver.errors import message_of
 from haptic_driver.processes.real_time import Metronome
 from haptic_driver.processes.shared_memory import Driven, SharedState
 from haptic_driver.rig.actuator import Actuator
@@ -124,8 +124,8 @@ class OutputPump:
         underruns = actuator.underruns
         try:
             actuator.play(self._command(now_s), self._course())
-        except HapticError as error:
-            self._failed(error.message)
+        except Exception as error:  # the pump goes on
+            self._failed(message_of(error))
         if actuator.underruns > underruns:
             self.underruns += 1
             self._dry_s = now_s
@@ -155,7 +155,7 @@ class OutputPump:
         was_on = self.output_on
         try:
             actuator.command(now_s, command)
-        except HapticError as error:
-            self._failed(error.message)
+        except Exception as error:  # the pump goes on
+            self._failed(message_of(error))
         if self.output_on and not was_on:
             self._up_s = self._clock() + START_S  # after the dialogue, which takes as long as it likes

@@ -33,9 +33,13 @@ class Place:
         self.path = path
         _private_folder(path.parent)
         try:
-            self._lock = os.open(path.with_name(path.name + ".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW  # no link of somebody else's
+            self._lock = os.open(path.with_name(path.name + ".lock"), flags, 0o600)
         except OSError as error:
             raise _no_socket(path, error) from error
+        if os.fstat(self._lock).st_uid != os.getuid():
+            os.close(self._lock)
+            raise HapticError("not_yours", f"{path}.lock belongs to another user", "choose another --socket")
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -32,10 +32,13 @@ from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
 from haptic_driver.signals import SLIDING_M_S, FingerSample, FingerState
 
 WARM_UP_TICKS = 200
-_OVERRUN, _SATURATED_SENSOR, _STALE_SENSOR, _UNREACHABLE, _REJECTED, _LEASE_LOST, _FAULT, _FEEDBACK_LIMIT = map(
+(
+    _OVERRUN, _SATURATED_SENSOR, _STALE_SENSOR, _UNREACHABLE, _REJECTED, _LEASE_LOST, _FAULT, _FEEDBACK_LIMIT,
+    _CONTROL_SILENT,
+) = map(
     int,
     (Flag.OVERRUN, Flag.SATURATED_SENSOR, Flag.STALE_SENSOR, Flag.UNREACHABLE, Flag.REJECTED, Flag.LEASE_LOST,
-     Flag.FAULT, Flag.FEEDBACK_LIMIT),
+     Flag.FAULT, Flag.FEEDBACK_LIMIT, Flag.CONTROL_SILENT),
 )  # fmt: skip
 
 
@@ -211,8 +214,10 @@ class Renderer:
         doubts = _SATURATED_SENSOR if sensed.saturated else 0
         if self._is_stale(sensed, now_s):
             doubts |= _STALE_SENSOR
-        if now_s > order.lease_until_s or now_s - order.beat_s > self._settings.silence_s:
+        if now_s > order.lease_until_s:
             doubts |= _LEASE_LOST
+        if now_s - order.beat_s > self._settings.silence_s:
+            doubts |= _CONTROL_SILENT
         return doubts
 
     def _is_stale(self, sensed: Sensed, now_s: float) -> bool:

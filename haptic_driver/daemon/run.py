@@ -15,7 +15,7 @@ from haptic_driver.daemon.outlets import LslOutlet, OscOutlet, Outlet, feeding
 from haptic_driver.daemon.place import Place, default_socket
 from haptic_driver.daemon.service import as_service
 from haptic_driver.daemon.set_up import DaemonSettings, daemon_settings
-from haptic_driver.daemon.web.server import serve
+from haptic_driver.daemon.web.server import listen, serve
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import take_precedence
 
@@ -34,15 +34,17 @@ def run_daemon(
     osc: str | None,
     announce: Callable[[Path, str | None], None],
 ) -> int:
-    """Run a daemon until SIGTERM or SIGINT; exit status 0 when the output is known to be off at the end.
+    """Run a daemon until SIGTERM, SIGINT or SIGHUP; exit status 0 when the output is known to be off at the end.
 
     `lsl`: samples and events as streams of the Lab Streaming Layer; `osc`: the same to HOST:PORT. `announce` is called
     once it can be used, with its socket and the address of its page, which holds the token.
     Raises HapticError when it does not get that far.
     """
     ended = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda number, frame: ended.set())
+    if tcp_port is not None:
+        listen(tcp_port).close()  # one that is taken is told now, not after seconds
     take_precedence()
     place = Place(socket or default_socket())
     try:

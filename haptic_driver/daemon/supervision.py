@@ -20,7 +20,7 @@ from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.output_pump import OUTPUT_STALE_S
 from haptic_driver.daemon.set_up import DaemonSettings
-from haptic_driver.errors import HapticError
+from haptic_driver.errors import HapticError, message_of
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.rig.rig import require_verified
@@ -31,7 +31,7 @@ START_TIMEOUT_S = 240.0  # compiling all kernels, on a busy machine
 LOOK_PERIOD_S = 0.2  # between looks at the rig and its watchdog
 SENSOR_RETRY_S = 0.02
 LOST_S = 2.0  # sensors that fail, or an output that nobody knows, for so long: everything is connected anew
-RETRY_S = 1.0  # between attempts at that
+RETRY_S, MOST_RETRY_S = 1.0, 30.0  # between attempts at that: twice as long each time, up to the most
 SILENCE_POLL_S = 0.005
 
 RENDER, INSTRUMENTS, WATCHDOG = "render", "instruments", "watchdog"
@@ -194,10 +194,10 @@ class Supervisor:
                 if instruments is not None:
                     self._shared.sensed.write(instruments.read())
                     self._sensors_failed, pause_s = None, instruments.sensor_period_s
-            except DeviceError as error:
+            except Exception as error:
                 if self._sensors_failed is None:
-                    self._sensors_failed = self._clock(), error.message
-                    self._events.tell("flag", f"sensors: {error.message}")
+                    self._sensors_failed = self._clock(), message_of(error)
+                    self._events.tell("flag", f"sensors: {message_of(error)}")
             time.sleep(pause_s)
 
     def _look_at(self, instruments: Instruments, now_s: float) -> None:
@@ -232,17 +232,24 @@ class Supervisor:
             if self.missing:
                 return
             self.missing = f"{name}: being started again"
-        self._in_thread(self._bring_back, name)
+        try:
+            self._in_thread(self._bring_back, name)
+        except RuntimeError:  # no thread is to be had: tried again with the next look
+            self.missing = ""
+            raise
 
     def _bring_back(self, name: str) -> None:
+        """Try for ever, more and more seldom, whatever is in the way: descriptors or memory may be short."""
+        pause_s = RETRY_S
         while not self._ending.is_set():
             try:
                 self._restart(name)
                 self._await_heard()
-            except (HapticError, DeviceError) as error:
-                self.missing = f"{name}: cannot be started again: {error.message}"
+            except Exception as error:
+                self.missing = f"{name}: cannot be started again: {message_of(error)}"
                 _log.error("%s", self.missing)
-                self._ending.wait(RETRY_S)
+                self._ending.wait(pause_s)
+                pause_s = min(2.0 * pause_s, MOST_RETRY_S)
             else:
                 self._sensors_failed = self._unknown_since_s = None
                 self.missing = ""

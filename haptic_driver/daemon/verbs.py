@@ -63,12 +63,12 @@ RENEW = Verb(
 )  # fmt: skip
 SET = Verb(
     "set_target", "POST", "/set", messages.FrictionChoice, Status,
-    lambda daemon, asked, token: daemon.set_target(token, asked.cof),
+    lambda daemon, asked, token: daemon.set_target(token, asked.cof, nearest=asked.nearest),
     "Ask for one friction everywhere; armed to rendering. Renews the lease.", leased=True,
 )  # fmt: skip
 PLAY = Verb(
     "play", "POST", "/texture", messages.TextureChoice, Status,
-    lambda daemon, asked, token: daemon.play(token, asked.name),
+    lambda daemon, asked, token: daemon.play(token, asked.name, nearest=asked.nearest),
     "Ask for a texture; armed to rendering. Renews the lease.", leased=True,
 )  # fmt: skip
 OFF = Verb(

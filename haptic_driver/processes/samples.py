@@ -22,6 +22,7 @@ class Flag(IntFlag):
     FAULT = 128
     FEEDBACK_LIMIT = 256
     UNDERRUN = 512
+    CONTROL_SILENT = 1024
 
     def names(self) -> list[str]:
         """Lower-case names of the flags that are up."""

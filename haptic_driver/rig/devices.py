@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil
 from typing import Self
@@ -16,7 +15,7 @@ from typing import Self
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig import config as rig_config
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.evidence import OffEvidence
+from haptic_driver.rig.evidence import OffEvidence, tried
 from haptic_driver.rig.part import (
     AMPLIFIERS,
     ANALOG_OUTPUTS,
@@ -32,7 +31,6 @@ from haptic_driver.rig.states import RigEvent
 from hw.analog.lines import AnalogInput, DigitalInput, DigitalOutput, Heartbeat
 from hw.analog.ni_daq import NiAnalogInput, NiAnalogInputs, NiDigitalInput, NiDigitalOutput
 from hw.analog.output import AnalogOutput
-from hw.errors import DeviceError
 from hw.finger.tracker import FingerTracker
 from hw.force.sensor import ForceSensor
 from hw.generator.settings import GeneratorSettings, ModulationInput, RangePolicy
@@ -75,11 +73,10 @@ class Devices:
             raise
 
     def close(self) -> OffEvidence:
-        """Switch off, close everything, and return what is known about the output. Never raises DeviceError."""
+        """Switch off, close everything, and return what is known about the output. Never raises."""
         evidence = self.rig.close()
         for step in self.closing:
-            with suppress(DeviceError):
-                step()
+            tried(step, None)
         return evidence
 
     def __enter__(self) -> Self:

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 from hw.amplifier.analog import AmplifierState, AnalogAmplifier
+from hw.errors import DeviceError
 from hw.generator.contract import Generator
 
 MONITOR_QUIET_V = 5.0  # at the electrode; what a monitor may read without anything being on
 MONITOR_POLL_S = 0.01
+
+Found = TypeVar("Found")
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -36,21 +43,33 @@ class OffEvidence:
         return f"{generator[self.generator_off]}, amplifier {self.amplifier.value}, {monitor}"
 
 
+NOTHING_KNOWN = OffEvidence(None, AmplifierState.UNKNOWN, None)
+
+
+def tried(step: Callable[[], Found], otherwise: Found) -> Found:
+    """One step on the way off; whatever fails in it is logged, and keeps nobody from the next."""
+    try:
+        return step()
+    except Exception as error:
+        _log.warning("on the way off: %s", error, exc_info=not isinstance(error, DeviceError))
+        return otherwise
+
+
 def switch_off(
     generator: Generator, amplifier: AnalogAmplifier, settle_s: float, sleep: Callable[[float], None]
 ) -> OffEvidence:
-    """Off, and a look at what came of it: no lock, no check.
+    """Off, and a look at what came of it: no lock, no check. Never raises: what fails in any way is unknown.
 
     The enable line goes first, since it is fast, and once more last, for those who raised it meanwhile. A real
     electrode takes time to discharge: the monitor has `settle_s` to become quiet.
     """
-    amplifier.disable()
-    generator_off = generator.off()
-    state = amplifier.disable()
-    voltage_v = amplifier.monitor_voltage_v()
+    tried(amplifier.disable, AmplifierState.UNKNOWN)
+    generator_off = tried(generator.off, None)
+    state = tried(amplifier.disable, AmplifierState.UNKNOWN)
+    voltage_v = tried(amplifier.monitor_voltage_v, None)
     for _ in range(round(settle_s / MONITOR_POLL_S)):
         if voltage_v is None or abs(voltage_v) <= MONITOR_QUIET_V:
             break
         sleep(MONITOR_POLL_S)
-        voltage_v = amplifier.monitor_voltage_v()
+        voltage_v = tried(amplifier.monitor_voltage_v, None)
     return OffEvidence(generator_off, state, voltage_v)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.evidence import MONITOR_QUIET_V, OffEvidence
+from haptic_driver.rig.evidence import MONITOR_QUIET_V, OffEvidence, tried
 from haptic_driver.rig.states import Happening, RigEvent, RigState, Withdrawn
 from haptic_driver.rig.switch import OutputSwitch
 from haptic_driver.signals import DriveCommand
@@ -173,9 +173,9 @@ class Rig:
             self._switch.reset_trip()
 
     def close(self) -> OffEvidence:
-        """Switch off at once, hang up, and return what is known about the output."""
+        """Switch off at once, hang up, and return what is known about the output. Never raises."""
         evidence = self.off()
-        self._generator.close()
+        tried(self._generator.close, None)
         return evidence
 
     # --- on --------------------------------------------------------------------------------------------------------
@@ -265,6 +265,10 @@ class Rig:
             raise HapticError(error.code, f"{error.message} (output: {evidence})", error.hint) from error
         except HapticError:
             raise  # a trip, which has switched off
+        except Exception as error:  # of a library that has errors of its own
+            evidence = self.off()
+            said = f"{type(error).__name__}: {error} (output: {evidence})"
+            raise HapticError("device_error", said, "a fault of the program; look at the log") from error
         except BaseException:
             self.off()
             raise

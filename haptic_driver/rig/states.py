@@ -124,7 +124,10 @@ class OutputStates:
         if is_told:
             level = logging.INFO if event.state in (RigState.ON, RigState.OFF) else logging.WARNING
             _log.log(level, "%s: %s", event.state.value, reason)
-            self._on_event(event)
+            try:
+                self._on_event(event)
+            except Exception:  # who listens keeps nobody from switching off
+                _log.exception("an event of the rig could not be told")
 
 
 class Withdrawn(Exception):  # noqa: N818 - an event: somebody switched off while this thread was switching on

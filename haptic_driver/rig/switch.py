@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.evidence import OffEvidence, switch_off
+from haptic_driver.rig.evidence import NOTHING_KNOWN, OffEvidence, switch_off, tried
 from haptic_driver.rig.monitor import VoltageCheck, line_contradiction
 from haptic_driver.rig.states import Happening, OutputStates, RigEvent, Withdrawals
 from hw.amplifier.analog import AmplifierState, AnalogAmplifier
@@ -108,22 +108,24 @@ class OutputSwitch:
             self._trip(contradiction)
 
     def off(self) -> OffEvidence:
-        """Off at once, from any thread, and what is known of it. Never raises."""
+        """Off at once, from any thread, and what is known of it. Never raises, and always concludes."""
         self._withdrawals.begin()
         free = self._lock.acquire(blocking=False)
-        evidence = self._switch_off()
-        if not free:
-            # Another thread was switching on; what it did after us is undone once it has noticed.
-            free = self._lock.acquire(timeout=self._lock_timeout_s)
-            evidence = self._switch_off()
-            if not free:
-                evidence = replace(evidence, generator_off=None, amplifier=AmplifierState.UNKNOWN)
+        evidence = NOTHING_KNOWN
         try:
-            self._conclude(evidence)
-        finally:
-            self._withdrawals.end()
-            if free:
-                self._lock.release()
+            seen = self._switch_off()
+            if not free:
+                # Another thread was switching on; what it did after us is undone once it has noticed.
+                free = self._lock.acquire(timeout=self._lock_timeout_s)
+                seen = self._switch_off()
+            evidence = seen if free else replace(seen, generator_off=None, amplifier=AmplifierState.UNKNOWN)
+        finally:  # Ctrl-C in the middle concludes too: with nothing known
+            try:
+                self._conclude(evidence)
+            finally:
+                self._withdrawals.end()
+                if free:
+                    self._lock.release()
         return evidence
 
     def reset_trip(self) -> None:
@@ -152,7 +154,7 @@ class OutputSwitch:
         self._voltage.switched_off(shown)
         if shown:
             for heartbeat in self._heartbeats:
-                heartbeat.rest()
+                tried(heartbeat.rest, None)
         elif evidence.output_on:
             self.states.happens(Happening.TRIPS, f"the output is on after being switched off: {evidence}")
         self.states.happens(Happening.SHOWN_OFF if shown else Happening.NOT_SHOWN_OFF, str(evidence))

@@ -22,7 +22,10 @@ FORMS = (
 )
 
 _SERIAL = re.compile(r"(ASRL)?(?P<port>/[^:]+|COM\d+)(::INSTR)?", re.IGNORECASE)
-_VISA = re.compile(r"GPIB\d*(::\d+){1,2}(::INSTR)?|TCPIP\d*::[^:]+(::[a-z][\w,]*)?::INSTR", re.IGNORECASE)
+_VISA = re.compile(
+    r"GPIB\d*(::\d+){1,2}(::INSTR)?|ASRL\d+(::INSTR)?|TCPIP\d*::(\[[\da-f:.]+\]|[^:]+)(::[a-z][\w,]*)?::INSTR",
+    re.IGNORECASE,
+)
 _VISA_PREFIX = "visa:"
 
 

@@ -12,7 +12,7 @@ from contextlib import suppress
 from hw.errors import DeviceDisconnected
 from hw.transport.contract import CHUNK_BYTES, NO_OTHER_BOUNDS, Bounds, Transport
 
-_RESOURCE = re.compile(r"TCPIP\d*::(?P<host>[^:]+)::(?P<port>\d{1,5})::SOCKET", re.IGNORECASE)
+_RESOURCE = re.compile(r"TCPIP\d*::(?P<host>\[[\da-f:.]+\]|[^:]+)::(?P<port>\d{1,5})::SOCKET", re.IGNORECASE)
 
 
 class TcpTransport(Transport):
@@ -31,7 +31,7 @@ class TcpTransport(Transport):
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__(f"TCPIP::{host}::{port}::SOCKET", bounds=bounds, clock=clock)
-        self._address = (host, port)
+        self._address = (host.strip("[]"), port)  # of IPv6
         self._socket: socket.socket | None = None
 
     @classmethod

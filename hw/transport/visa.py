@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 import select
 import socket
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from typing import Any
 
 import pyvisa
 from pyvisa.constants import BufferOperation, ResourceAttribute, SerialTermination, StatusCode
 
-from hw.errors import DeviceDisconnected
+from hw.errors import DeviceDisconnected, DeviceError
 from hw.transport.contract import CHUNK_BYTES, NO_OTHER_BOUNDS, Bounds, Transport
 from hw.transport.marker import Marker, Resynchroniser
 
@@ -20,6 +22,7 @@ from hw.transport.marker import Marker, Resynchroniser
 _SOCKET_BLOCK_BYTES = 4096
 # A read on a socket of pyvisa-py spins until its timeout when the peer has hung up, so it is given short ones.
 _SOCKET_SLICE_S = 0.1
+_CLOSE_TIMEOUT_S = 0.25  # a live link closes in milliseconds; pyvisa-py waits up to 14 s for a dead one of VXI-11
 
 
 class VisaTransport(Transport):
@@ -27,8 +30,9 @@ class VisaTransport(Transport):
 
     Answers must end with `\n` on sockets and serial ports. Clearing closes the session and opens another one,
     after a device clear where the interface has one. A serial line carries late answers over from one session
-    to the next: give a `marker` (see SerialTransport). pyvisa-py opens closed sockets, spins on dead ones and
-    gives late answers to the next question; all three are seen to here.
+    to the next: give a `marker` (see SerialTransport). pyvisa-py opens closed sockets, spins on dead ones, gives
+    late answers to the next question, and lets any exception through; all of it is seen to here. What a library
+    does not bound (opening, clearing, closing) is given up in time, and ends in a thread of its own.
     """
 
     def __init__(
@@ -48,23 +52,27 @@ class VisaTransport(Transport):
     def _connect(self, deadline_s: float) -> None:
         try:
             manager = pyvisa.ResourceManager(self._backend)
-        except (OSError, ValueError) as error:
+        except Exception as error:
             raise DeviceDisconnected(
                 f"{self.resource}: no VISA library for {self._backend!r} ({error})",
                 "use '@py' (pip install pyvisa-py) or install the vendor's VISA and use '@ivi'",
             ) from error
         try:
-            session = manager.open_resource(self.resource, open_timeout=self._remaining_ms(deadline_s))
-        except Exception as error:  # pyvisa-py lets anything through: OSError, ValueError, bare Exception
+            session = _in_time(
+                lambda: manager.open_resource(self.resource, open_timeout=self._remaining_ms(deadline_s)),
+                self._remaining_s(deadline_s), too_late=_close,
+            )  # fmt: skip
+        except DeviceError:
+            raise
+        except Exception as error:
             raise self._lost("cannot be opened", error) from error
         self._session = session
-        self._socket = self._own_socket()
         try:
+            self._socket = self._own_socket()
             self._set_terminations()
             if self._socket is not None:
                 self._socket.getpeername()  # pyvisa-py "opens" ports that refused
-        except (pyvisa.errors.Error, OSError) as error:
-            self._disconnect()
+        except Exception as error:
             raise self._lost("cannot be reached", error) from error
 
     def _own_socket(self) -> socket.socket | None:
@@ -89,16 +97,16 @@ class VisaTransport(Transport):
             self._session.set_visa_attribute(attribute, value)
 
     def _disconnect(self) -> None:
-        if self._session is not None:
+        session, self._session, self._socket = self._session, None, None
+        if session is not None:
             with suppress(Exception):  # a dead session may fail in any way; it is gone afterwards
-                self._session.close()
-            self._session = self._socket = None
+                _in_time(lambda: _close(session), _CLOSE_TIMEOUT_S)
 
     def _reset(self, deadline_s: float) -> None:
         if self._session is not None and self._kind == "INSTR" and not self._is_serial:
-            with suppress(pyvisa.errors.Error, OSError):
+            with suppress(Exception):  # a fresh session follows
                 self._session.timeout = self._remaining_ms(deadline_s)
-                self._session.clear()
+                _in_time(self._session.clear, 0.5 * self._remaining_s(deadline_s))  # the rest is for opening
         super()._reset(deadline_s)
         if self._resynchronise is not None:
             self._resynchronise(
@@ -180,7 +188,9 @@ class VisaTransport(Transport):
             if error.error_code == StatusCode.error_timeout:
                 raise self._timeout("did not answer") from None
             raise self._lost(f"was lost {when}", error) from error
-        except (pyvisa.errors.Error, OSError) as error:
+        except DeviceError:
+            raise
+        except Exception as error:
             raise self._lost(f"was lost {when}", error) from error
 
     def _remaining_ms(self, deadline_s: float) -> int:
@@ -188,7 +198,30 @@ class VisaTransport(Transport):
 
     def _lost(self, what: str, error: Exception) -> DeviceDisconnected:
         self._disconnect()
-        return DeviceDisconnected(f"{self.resource} {what} ({error})", "check power, cable, address and VISA library")
+        said = f"{self.resource} {what} ({error or type(error).__name__})"
+        return DeviceDisconnected(said, "check power, cable, address and VISA library")
+
+
+def _close(session: Any) -> None:
+    session.close()
+
+
+def _in_time(work: Callable[[], Any], timeout_s: float, too_late: Callable[[Any], None] = lambda made: None) -> Any:
+    """What `work` makes in a thread of its own; TimeoutError when it takes longer, `too_late` gets it then."""
+    doing: Future[Any] = Future()
+
+    def run() -> None:
+        try:
+            doing.set_result(work())
+        except BaseException as error:
+            doing.set_exception(error)
+
+    threading.Thread(target=run, name="visa", daemon=True).start()
+    try:
+        return doing.result(timeout_s)
+    except TimeoutError:
+        doing.add_done_callback(lambda done: None if done.exception() else too_late(done.result()))
+        raise
 
 
 def _milliseconds(seconds: float) -> int:

@@ -37,7 +37,10 @@ OFF_THREADS = 8  # for switching off alone: it never waits for a thread that ano
 PAGE = "/page"
 
 LeaseToken = Annotated[str, Header(alias=LEASE_HEADER, description="The token that `/arm` gave.")]
-SAID = {400: "not JSON", 403: "another's lease", 409: "not in this state", 413: "too large", 422: "not usable as given"}
+SAID = {
+    400: "not JSON", 403: "another's lease", 408: "came too slowly", 409: "not in this state", 413: "too large",
+    422: "not usable as given",
+}  # fmt: skip
 
 
 def create_app(daemon: Daemon, page: Path | None = None) -> FastAPI:

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_driver.daemon.targets import USUAL_FORCE_N
 from haptic_driver.render.texture import Script, Target, Texture
 from haptic_driver.surface.file import SurfaceFile
 from haptic_driver.textures.reach import screen_grid
 
-USUAL_FORCE_N = 0.5
 SURFACE_POINTS = (60, 40)  # frequency, voltage
 SCREEN_POINTS = (100, 60)
 

@@ -6,6 +6,7 @@ A page of another site can make a browser send requests to loopback, and can giv
 
 from __future__ import annotations
 
+import asyncio
 import secrets
 from dataclasses import dataclass
 from urllib.parse import urlsplit
@@ -18,6 +19,7 @@ from haptic_driver.daemon.messages import ErrorReport
 from haptic_driver.errors import HapticError
 
 MOST_BODY_BYTES = 16 * 1024
+BODY_TIMEOUT_S = 2.0
 POLICY_VIOLATION = 1008  # of WebSockets, RFC 6455 section 7.4.1
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
@@ -62,7 +64,10 @@ class TokenGate:
         return 401, HapticError("no_token", "this needs the token", "send Authorization: Bearer TOKEN")
 
     def _ours(self, origin: str) -> bool:
-        parts = urlsplit(origin)
+        try:
+            parts = urlsplit(origin)
+        except ValueError:  # of `http://[`
+            return False
         return parts.scheme == "http" and parts.netloc.lower() in self.hosts
 
     def _is_public(self, connection: HTTPConnection) -> bool:
@@ -78,7 +83,7 @@ class TokenGate:
 
 @dataclass(frozen=True)
 class BodyLimit:
-    """Refuses a request with a body of more than `MOST_BODY_BYTES`, whatever length it claims to have."""
+    """Refuses a body of more than `MOST_BODY_BYTES`, whatever length it claims to have, and one that is late."""
 
     app: ASGIApp
 
@@ -87,24 +92,38 @@ class BodyLimit:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        body = b""
-        while True:
-            message = await receive()
-            if message["type"] == "http.disconnect":
-                return
-            body += message.get("body", b"")
-            if len(body) > MOST_BODY_BYTES:
-                error = HapticError("too_large", f"a request has at most {MOST_BODY_BYTES} bytes", "send less")
-                await refusal(413, error)(scope, receive, send)
-                return
-            if not message.get("more_body", False):
-                break
+        try:
+            async with asyncio.timeout(BODY_TIMEOUT_S):
+                body = await _body(receive)
+        except TimeoutError:
+            error = HapticError("too_late", f"a request takes at most {BODY_TIMEOUT_S:g} s to come", "send it at once")
+            await refusal(408, error)(scope, receive, send)
+            return
+        if body is None:
+            return
+        if len(body) > MOST_BODY_BYTES:
+            error = HapticError("too_large", f"a request has at most {MOST_BODY_BYTES} bytes", "send less")
+            await refusal(413, error)(scope, receive, send)
+            return
         whole: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
         async def hand_on() -> Message:
             return whole.pop() if whole else await receive()
 
         await self.app(scope, hand_on, send)
+
+
+async def _body(receive: Receive) -> bytes | None:
+    """A body, or a little more than the most that it may have; None when the client has gone."""
+    body = b""
+    while len(body) <= MOST_BODY_BYTES:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            return None
+        body += message.get("body", b"")
+        if not message.get("more_body", False):
+            break
+    return body
 
 
 def refusal(status: int, error: HapticError) -> JSONResponse:

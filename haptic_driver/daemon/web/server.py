@@ -18,6 +18,7 @@ from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.private_file import write_private
 from haptic_driver.daemon.web.api import PAGE, create_app
+from haptic_driver.daemon.web.connections import MOST_CONNECTIONS, Connection, OffLane
 from haptic_driver.daemon.web.security import TokenGate
 from haptic_driver.errors import HapticError
 
@@ -36,13 +37,14 @@ def serve(daemon: Daemon, place: Place, tcp_port: int | None = None, page: Path 
     for those who know the token, which is also in a file of mode 0600 beside the socket. Raises HapticError when a port
     cannot be had.
     """
-    app = create_app(daemon, page)
-    servers, url, token_file = [(_server(app), place.listener)], None, None
+    lane = OffLane(daemon)
+    servers, url, token_file = [(_server(create_app(daemon, page), lane), place.listener)], None, None
     if tcp_port is not None:
-        listener = _listen(tcp_port)
+        listener = listen(tcp_port)
         token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
         token_file = place.path.with_name(place.path.name + ".token")
-        gate = TokenGate(app, token, frozenset({f"{LOOPBACK}:{port}", f"localhost:{port}"}), PAGE + "/")
+        hosts = frozenset({f"{LOOPBACK}:{port}", f"localhost:{port}"})
+        gate = TokenGate(create_app(daemon, page), token, hosts, PAGE + "/")
         servers.append((_server(gate), listener))
         url = f"http://{LOOPBACK}:{port}{PAGE}/?token={token}"
         write_private(token_file, token + "\n")
@@ -52,34 +54,44 @@ def serve(daemon: Daemon, place: Place, tcp_port: int | None = None, page: Path 
     finally:
         if token_file is not None:
             token_file.unlink(missing_ok=True)
+        lane.close()
 
 
 @contextmanager
 def _running(servers: list[tuple[uvicorn.Server, socket.socket]]) -> Iterator[None]:
-    async def serve_all() -> None:
-        await asyncio.gather(*(server.serve(sockets=[listener]) for server, listener in servers))
+    """Each in a thread and an event loop of its own: what crowds one keeps nobody waiting at the other."""
 
-    thread = threading.Thread(target=lambda: asyncio.run(serve_all()), name="api", daemon=True)
-    thread.start()
+    def run(server: uvicorn.Server, listener: socket.socket) -> None:
+        asyncio.run(server.serve(sockets=[listener]))
+
+    threads = [threading.Thread(target=run, args=one, name="api", daemon=True) for one in servers]
+    for thread in threads:
+        thread.start()
     try:
         until_s = time.monotonic() + START_TIMEOUT_S
         while not all(server.started for server, _ in servers):
-            if not thread.is_alive() or time.monotonic() > until_s:
+            if not all(thread.is_alive() for thread in threads) or time.monotonic() > until_s:
                 raise HapticError("no_api", "the API could not be started", "look at the log")
             time.sleep(STARTED_POLL_S)
         yield
     finally:
         for server, _ in servers:
             server.should_exit = True
-        thread.join()
+        for thread in threads:
+            thread.join()
         for _, listener in servers:
             listener.close()
 
 
-def _server(app: ASGIApp) -> uvicorn.Server:
+def _server(app: ASGIApp, off_lane: OffLane | None = None) -> uvicorn.Server:
+    class Listened(Connection):
+        lane = off_lane
+
     return uvicorn.Server(
         uvicorn.Config(
             app,
+            http=Listened,
+            backlog=MOST_CONNECTIONS,  # so many are accepted in one go
             log_config=None,
             log_level="warning",
             access_log=False,  # addresses hold tokens
@@ -94,7 +106,8 @@ def _server(app: ASGIApp) -> uvicorn.Server:
     )
 
 
-def _listen(port: int) -> socket.socket:
+def listen(port: int) -> socket.socket:
+    """A loopback socket at a port, 0: any that is free. Raises HapticError when it cannot be had."""
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

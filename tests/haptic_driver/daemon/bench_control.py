@@ -107,11 +107,13 @@ class BenchControl:
             self._tell("target", texture or f"friction {cof:g}")
         return self.status()
 
-    def set_target(self, token, cof):
+    def set_target(self, token, cof, *, nearest=False):
+        if not nearest and cof > 1.5:
+            raise BadInputError("unreachable", f"friction {cof:g} is far out of reach", "--nearest")
         self._change("set", cof)
         return self._render(token, cof, None)
 
-    def play(self, token, texture):
+    def play(self, token, texture, *, nearest=False):
         self._change("play", texture)
         if texture not in self.textures():
             raise BadInputError("unknown_texture", f"there is no texture {texture!r}", "did you mean 'linen'?")

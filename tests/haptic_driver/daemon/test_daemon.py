@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import resource
 import signal
 import socket
 import subprocess
@@ -71,6 +72,27 @@ def test_off_is_off_at_once_and_stays_so_until_asked_again(daemon, electrode_v):
         assert electrode_v() == 0.0
 
 
+def test_a_friction_far_out_of_reach_is_refused_with_the_range_and_nothing_comes_on(daemon, electrode_v, tmp_path):
+    """7 for 0.7; the simulated finger presses with 0.5 N or so."""
+    lease = daemon.arm(5.0)
+    low, high = daemon.settings.render.tick.controller.reachable(0.5)
+    for cof in (7.0, 1.25 * high, 0.85 * low):
+        with pytest.raises(BadInputError, match=r"far out of reach: 0\.\d+ to 1\.\d+ at 0\.\d+ N") as error:
+            daemon.set_target(lease.token, cof)
+        assert error.value.code == "unreachable"
+        assert "--nearest" in error.value.hint
+    assert daemon.status().state is DaemonState.ARMED
+    assert electrode_v() == 0.0
+    mostly_far = tmp_path / "far.toml"
+    mostly_far.write_text('kind = "uniform"\ncof = 4.0\n')
+    with pytest.raises(BadInputError, match=r"most of .*far\.toml, 4 to 4, is far out of reach"):
+        daemon.play(lease.token, str(mostly_far))
+    assert refusal(daemon.set_target, "mine", 7.0).code == "not_yours"  # and is not told the range
+    assert electrode_v() == 0.0
+    assert daemon.set_target(lease.token, 0.93 * low).state is DaemonState.RENDERING
+    assert daemon.set_target(lease.token, 7.0, nearest=True).target_cof == 7.0
+
+
 def test_a_lost_client_takes_the_output_to_zero_and_the_lease_away(daemon, electrode_v):
     lease = daemon.arm(0.3)
     daemon.set_target(lease.token, 0.65)
@@ -113,6 +135,21 @@ def test_another_fingers_model_is_used_from_then_on(daemon, settings, tmp_path):
         daemon.use_model("nobody")
     assert daemon.status().model == "reference"
     assert not [event for event in daemon.events(began) if event.kind == "fault"]
+
+
+def test_running_out_of_file_descriptors_is_survived(daemon):
+    """What died is tried again until descriptors are there again, and the daemon says what is in the way."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
+    try:
+        os.kill(daemon.pids["render"], signal.SIGKILL)
+        until(lambda: "cannot be started again: OSError: [Errno 24]" in daemon.supervisor.missing)
+        assert daemon.status().state is DaemonState.FAULT
+        assert "Too many open files" in refusal(daemon.reset).message
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    until(lambda: not daemon.supervisor.missing)
+    assert daemon.reset().state is DaemonState.IDLE
 
 
 def test_a_run_that_is_recorded_keeps_its_model(daemon, tmp_path):
@@ -260,7 +297,7 @@ def test_the_command_ends_with_the_output_off_and_a_killed_one_is_replaced(tmp_p
         process = start()
         assert receiver.recv(2048).startswith(b"/haptic/sample\0")
     assert oct(path.stat().st_mode & 0o777) == "0o600"
-    os.kill(process.pid, signal.SIGTERM)
+    os.kill(process.pid, signal.SIGHUP)  # as a closed terminal does; SIGTERM and Ctrl-C do the same
     said = process.stderr.read()
     process.stderr.close()
     assert process.wait(HANG_S) == 0

@@ -9,6 +9,7 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -48,6 +49,23 @@ def test_a_second_daemon_at_the_same_place_is_refused_and_leaves_the_first_alone
     with socket.socket(socket.AF_UNIX) as client:
         client.connect(str(path))
     place.close()
+
+
+def test_a_lock_that_is_a_link_or_of_another_user_is_not_followed(path, tmp_path, monkeypatch):
+    path.parent.mkdir(mode=0o700)
+    aim, lock = tmp_path / "aim", path.with_name("daemon.sock.lock")
+    lock.symlink_to(aim)
+    with pytest.raises(HapticError) as refused:
+        Place(path)
+    assert refused.value.code == "no_socket"
+    assert not aim.exists()
+    lock.unlink()
+    lock.touch()
+    real = os.fstat
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fstat", lambda file: SimpleNamespace(st_uid=real(file).st_uid + 1))
+        with pytest.raises(HapticError, match="belongs to another user"):
+            Place(path)
 
 
 def test_what_a_killed_daemon_left_behind_is_replaced(path):

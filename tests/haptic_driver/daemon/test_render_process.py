@@ -142,7 +142,7 @@ def assert_ramps_to_zero(voltages_v, before_v, ramp_s):
 
 @pytest.mark.parametrize(
     ("what", "after_s", "flag"),
-    [("lease", 0.0, Flag.LEASE_LOST), ("beating", 0.25, Flag.LEASE_LOST), ("sensing", 0.1, Flag.STALE_SENSOR),
+    [("lease", 0.0, Flag.LEASE_LOST), ("beating", 0.25, Flag.CONTROL_SILENT), ("sensing", 0.1, Flag.STALE_SENSOR),
      ("saturated", 0.0, Flag.SATURATED_SENSOR)],
 )  # fmt: skip
 def test_the_output_ramps_to_zero_when_it_may_not_be_trusted(bench, render_settings, what, after_s, flag):

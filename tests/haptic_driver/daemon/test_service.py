@@ -7,10 +7,13 @@ import os
 import shlex
 import socket
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import pytest
 
+from haptic_driver.daemon import run
 from haptic_driver.daemon.service import as_service, notify, watchdog_period_s
+from haptic_driver.errors import HapticError
 from haptic_driver.processes.real_time import PRIORITY
 from tests.waiting import HANG_S, until
 
@@ -89,3 +92,16 @@ def test_the_units_command_line_is_one_that_we_know(haptic):
     assert words[1:3] == ["daemon", "run"]
     shown = haptic("daemon", "run", "--help").out
     assert all(option in shown for option in options)
+
+
+def test_a_port_that_is_taken_is_told_before_anything_is_started(tmp_path, monkeypatch):
+    def started(*names, **options):
+        pytest.fail("started first")
+
+    monkeypatch.setattr(run, "daemon_settings", started)
+    for name in ("signal", "take_precedence"):
+        monkeypatch.setattr(run, name, MagicMock())
+    with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(HapticError, match="port") as refused:
+        run.run_daemon("simulated", tmp_path / "d.sock", "reference", False, taken.getsockname()[1], False, None, print)
+    assert refused.value.code == "no_port"
+    assert not (tmp_path / "d.sock").exists()

@@ -34,7 +34,7 @@ class Bench:
         self.orders = Orders(settings, shared, self.events, clock)
         rig = SimpleNamespace(state=RigState.OFF)
         self.orders.pump.actuator = SimpleNamespace(rig=rig, off=self._off)
-        self.targets = Targets(shared, self.orders, self.events, clock)
+        self.targets = Targets(shared, self.orders, self.events, clock, lambda load_n: (0.5, 1.3))
         self.watched = Watched(shared, self.orders, self.targets, self.events, settings.render)
         self.orders.machine.connected()
 

@@ -1,5 +1,6 @@
 """A rig's file becomes devices: every driver of a real rig, on instruments served over their own wires."""
 
+import dataclasses
 import datetime
 import hashlib
 import time
@@ -80,6 +81,20 @@ def test_what_fails_on_the_way_closes_what_was_opened(rig_config, served):
     assert devices.watchdog.pid is None
     with connect_devices(as_real(rig_config, served.endpoints)):  # every port is free again
         pass
+
+
+def test_a_close_that_fails_skips_no_other(rig_config, served):
+    closed = []
+
+    def fails():
+        raise RuntimeError("driver gone")
+
+    devices = connect_devices(as_real(rig_config, served.endpoints))
+    devices = dataclasses.replace(devices, closing=[fails, lambda: closed.append("last"), *devices.closing])
+    with devices:
+        pass
+    assert closed == ["last"]
+    assert devices.watchdog.pid is None
 
 
 def test_an_unverified_rig_connects_and_refuses_to_come_on(rig_config, served):

@@ -596,3 +596,99 @@ def test_an_interlock_box_opens_by_itself_when_the_caller_stalls(rig_config):
     with pytest.raises(HapticError, match=r"has opened its contact \(silent\)"):
         rig.command(clock.now_s, on(80.0))
     assert rig.state is RigState.OFF
+
+
+# --- errors that are no DeviceError ----------------------------------------------------------------------------
+
+
+class Dropped(Heard):
+    """A link whose library has errors of its own, as pyvisa-py for a dropped HiSLIP link."""
+
+    dropped = False
+
+    def handle(self, data):
+        if self.dropped:
+            raise RuntimeError("hislip: connection dropped")
+        return super().handle(data)
+
+
+@pytest.fixture
+def dropping(bench):
+    bench.wire = Dropped(bench.faults)
+    bench.rig._generator._dialogue._transport._responder = bench.wire
+    bench.rig.command(0.0, on(60.0))
+    assert bench.voltage_v > 50.0
+    return bench
+
+
+def test_off_over_a_link_with_errors_of_its_own_concludes_and_frees_the_rig(dropping):
+    dropping.wire.dropped = True
+    evidence = dropping.rig.off()
+    assert evidence.generator_off is None
+    assert evidence.output_on is False  # the enable line and the monitor say so
+    assert dropping.rig.state is RigState.OFF
+    dropping.wire.dropped = False
+    others = []
+    other = threading.Thread(target=lambda: others.append(dropping.rig.off()))
+    other.start()
+    other.join()
+    assert others[0].generator_off is True  # it got the lock: no "unknown"
+    dropping.rig.command(1.0, on(60.0))
+    assert dropping.rig.state is RigState.ON
+
+
+def test_a_command_over_a_link_with_errors_of_its_own_is_off_and_a_clear_error(dropping):
+    dropping.wire.dropped = True
+    with pytest.raises(HapticError, match="RuntimeError: hislip: connection dropped") as error:
+        dropping.rig.command(1.0, on(80.0))
+    assert error.value.code == "device_error"
+    assert dropping.voltage_v == 0.0
+    assert dropping.rig.state is RigState.OFF
+
+
+@pytest.mark.parametrize("broken", ["disable", "monitor_voltage_v"])
+def test_whatever_step_of_off_fails_the_others_are_tried(bench, monkeypatch, broken):
+    def fails():
+        raise OSError("driver gone")
+
+    bench.rig.command(0.0, on(60.0))
+    monkeypatch.setattr(bench.rig._amplifier, broken, fails)
+    evidence = bench.rig.off()
+    assert evidence.generator_off is True
+    assert bench.generator.output().on is False
+    assert bench.rig.state is RigState.OFF
+
+
+def test_ctrl_c_in_the_middle_of_off_concludes_that_nothing_is_known(bench, monkeypatch):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    bench.rig.command(0.0, on(60.0))
+    monkeypatch.setattr(bench.rig._generator, "off", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        bench.rig.off()
+    assert bench.rig.state is RigState.UNKNOWN
+    monkeypatch.undo()
+    bench.rig.command(1.0, OFF)
+    assert bench.rig.state is RigState.OFF
+
+
+def test_a_heart_that_cannot_rest_and_a_listener_that_fails_keep_nobody_from_off(rig_config):
+    class Restless(Heart):
+        def rest(self):
+            raise BrokenPipeError
+
+    def deaf(event):
+        raise ValueError(event)
+
+    bench = Bench(rig_config, heartbeats=[Restless()], on_event=deaf)
+    bench.rig.command(0.0, on(60.0))
+    assert bench.rig.off().output_on is False
+    assert bench.rig.state is RigState.OFF
+    bench.rig.command(1.0, on(60.0))
+    assert bench.rig.state is RigState.ON
+
+
+def test_closing_over_a_link_with_errors_of_its_own_does_not_raise(dropping):
+    dropping.wire.dropped = True
+    assert dropping.rig.close().output_on is False

@@ -5,9 +5,10 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 
 import pytest
+import pyvisa
 
 from hw.errors import DeviceDisconnected, DeviceTimeout
 from hw.generator.agilent_33220a.simulator import Simulated33220A
@@ -92,3 +93,86 @@ def test_the_simulated_generator_over_a_socket_and_a_serial_line() -> None:
             transport.clear()
             assert transport.query(b"*IDN?\n", 5.0).split(b",")[1] == b"33220A"
             transport.close()
+
+
+class Session:
+    """A session of a VISA library that behaves as `does` says: by method, what to call."""
+
+    session = 0
+    timeout = 0
+
+    def __init__(self, **does: Callable[[], object]) -> None:
+        self.does = does
+        self.visalib = self
+
+    def read(self, session: int, count: int) -> tuple[bytes, int]:
+        self.does.get("read", lambda: None)()
+        return b"1\n", 0
+
+    def write(self, session: int, data: bytes) -> tuple[int, int]:
+        self.does.get("write", lambda: None)()
+        return len(data), 0
+
+    def clear(self) -> None:
+        self.does.get("clear", lambda: None)()
+
+    def close(self) -> None:
+        self.does.get("close", lambda: None)()
+
+    def ignore_warning(self, *codes: object) -> AbstractContextManager[None]:
+        return nullcontext()
+
+
+@contextmanager
+def library(monkeypatch: pytest.MonkeyPatch, opens: Callable[[], Session]) -> Iterator[VisaTransport]:
+    """A transport over a VISA library whose sessions are what `opens` makes."""
+
+    class Manager:
+        def __init__(self, backend: str) -> None:
+            pass
+
+        def open_resource(self, resource: str, **options: object) -> Session:
+            return opens()
+
+    monkeypatch.setattr(pyvisa, "ResourceManager", Manager)
+    transport = VisaTransport("TCPIP::host::hislip0::INSTR", bounds=Bounds(open_timeout_s=1.0))
+    yield transport
+    transport.close()
+
+
+def fails() -> None:
+    raise RuntimeError("hislip: connection dropped")
+
+
+@pytest.mark.parametrize("step", ["read", "write"])
+def test_a_dropped_link_that_raises_what_it_likes_is_a_disconnect(monkeypatch: pytest.MonkeyPatch, step: str) -> None:
+    with library(monkeypatch, lambda: Session(**{step: fails, "close": fails, "clear": fails})) as transport:
+        transport.open()
+        with pytest.raises(DeviceDisconnected, match="connection dropped"):
+            transport.query(b"*IDN?\n", 1.0)
+        transport.clear()
+
+
+def test_closing_and_clearing_a_link_that_does_not_answer_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """pyvisa-py waits 7 to 14 s for the answers of a dead VXI-11 link; here they never come."""
+    answered = threading.Event()
+    with library(monkeypatch, lambda: Session(close=answered.wait, clear=answered.wait)) as transport:
+        transport.open()
+        transport.clear()
+        transport.close()
+        assert not answered.is_set()
+        answered.set()
+
+
+def test_a_link_that_opens_too_late_is_a_disconnect_and_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    may_open, closed = threading.Event(), threading.Event()
+
+    def opens() -> Session:
+        may_open.wait()
+        return Session(close=closed.set)
+
+    with library(monkeypatch, opens) as transport:
+        with pytest.raises(DeviceDisconnected, match="cannot be opened"):
+            transport.open()
+        may_open.set()
+        assert closed.wait(20.0)

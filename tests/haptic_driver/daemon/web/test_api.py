@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 import os
+import select
 import socket
 import stat
 import threading
@@ -20,9 +21,12 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect, unix_connect
 
 from haptic_driver.daemon.messages import DaemonState
+from haptic_driver.daemon.web import connections
 from haptic_driver.daemon.web.api import create_app
+from haptic_driver.daemon.web.security import TokenGate
 from haptic_driver.errors import HapticError
 from tests.haptic_driver.daemon.bench_control import BenchControl, serving
+from tests.waiting import until
 
 HANG_S = 60.0
 CHANGES = ["/arm", "/renew", "/set", "/texture", "/off", "/disarm", "/reset", "/record"]
@@ -80,6 +84,10 @@ def test_arm_set_off_disarm(unix, control):
         ("POST", "/texture", b'{"name": "linnen"}', 422, "unknown_texture"),
         ("POST", "/set", b'{"cof": NaN}', 422, "bad_request"),
         ("POST", "/set", b'{"cof": -1}', 422, "bad_request"),
+        ("POST", "/set", b'{"cof": true}', 422, "bad_request"),
+        ("POST", "/set", b'{"cof": "0.6"}', 422, "bad_request"),
+        ("POST", "/arm", b'{"lease_s": true}', 422, "bad_request"),
+        ("POST", "/arm", b'{"lease_s": "1"}', 422, "bad_request"),
         ("POST", "/set", b'{"cof": 0.6, "volt": 9}', 422, "bad_request"),
         ("POST", "/set", b"\xff\xfe{", 400, "bad_request"),
         ("POST", "/set", b'{"cof": ', 422, "bad_request"),
@@ -88,7 +96,7 @@ def test_arm_set_off_disarm(unix, control):
         ("POST", "/record", b'{"path": "a\\u0000b"}', 422, "bad_request"),
         ("GET", "/samples?most=0", b"", 422, "bad_request"),
         ("GET", "/events?since=1e400", b"", 422, "bad_request"),
-        ("POST", "/off", b"x" * 20_000, 413, "too_large"),
+        ("POST", "/record", b"x" * 20_000, 413, "too_large"),
         ("GET", "/statu", b"", 404, "not_found"),
         ("PUT", "/status", b"", 405, "method_not_allowed"),
     ],
@@ -110,7 +118,7 @@ def test_a_body_without_a_length_is_limited_too(unix):
         for _ in range(100):
             yield b" " * 1000
 
-    assert error_of(unix.post("/off", content=endless())) == (413, "too_large")
+    assert error_of(unix.post("/record", content=endless())) == (413, "too_large")
 
 
 def test_a_near_miss_is_offered_the_path(unix):
@@ -140,6 +148,96 @@ def test_off_does_not_wait_for_requests_that_hang(control, tmp_path):
             release.set()
             for thread in hanging:
                 thread.join()
+
+
+# --- OFF before everything -------------------------------------------------------------------------------------
+
+
+def said_at(stream):
+    """The status and the error or state of the one response at a socket, which is closed behind it."""
+    stream.settimeout(HANG_S)
+    answer = http.client.HTTPResponse(stream)
+    answer.begin()
+    said = json.loads(answer.read())
+    return answer.status, said.get("state") or said["error"]["code"]
+
+
+def at_unix(tmp_path):
+    stream = socket.socket(socket.AF_UNIX)
+    stream.connect(str(tmp_path / "d.sock"))
+    return stream
+
+
+def test_off_does_not_wait_for_its_body(control, tmp_path):
+    with serving(control, tmp_path), at_unix(tmp_path) as stream:
+        control.arm(5.0)
+        stream.sendall(b"POST /disarm HTTP/1.1\r\nHost: haptic\r\nContent-Length: 1000\r\n\r\n")
+        assert said_at(stream) == (200, "idle")
+    assert control.machine.state is DaemonState.IDLE
+
+
+def test_off_is_heard_where_all_connections_are_taken(control, tmp_path, monkeypatch):
+    monkeypatch.setattr(connections, "HEADERS_TIMEOUT_S", HANG_S)
+    with ExitStack() as open_ones, serving(control, tmp_path):
+        for _ in range(connections.MOST_CONNECTIONS):
+            open_ones.enter_context(at_unix(tmp_path)).sendall(b"GET /sta")
+        with at_unix(tmp_path) as stream:
+            stream.sendall(b"GET /status HTTP/1.1\r\nHost: haptic\r\n\r\n")
+            assert said_at(stream) == (503, "busy")
+        with at_unix(tmp_path) as stream:
+            stream.sendall(b"POST /off HTTP/1.1\r\nHost: haptic\r\n\r\n")
+            assert said_at(stream) == (200, "idle")
+
+
+def test_off_is_heard_while_strangers_crowd_the_port(control, tmp_path, monkeypatch):
+    """With an event loop of the port that does nothing else any more."""
+    stuck, release = threading.Event(), threading.Event()
+
+    def stick(self, connection):
+        stuck.set()
+        release.wait(HANG_S)
+
+    monkeypatch.setattr(TokenGate, "_refused", stick)
+    with serving(control, tmp_path, 0) as url, socket.create_connection(("127.0.0.1", httpx.URL(url).port)) as stream:
+        stream.sendall(b"GET /status HTTP/1.1\r\nHost: x\r\n\r\n")
+        assert stuck.wait(HANG_S)
+        with at_unix(tmp_path) as lane:
+            lane.sendall(b"POST /off HTTP/1.1\r\nHost: haptic\r\n\r\n")
+            try:
+                assert said_at(lane) == (200, "idle")
+            finally:
+                release.set()
+
+
+def test_half_open_requests_are_ended(control, tmp_path):
+    with serving(control, tmp_path, 0) as url:
+        for sent in (b"", b"GET /status HTTP/1.1\r\nHost:"):
+            with socket.create_connection(("127.0.0.1", httpx.URL(url).port), timeout=HANG_S) as stream:
+                stream.sendall(sent)
+                assert stream.recv(1) == b""
+
+
+def test_a_body_that_does_not_come_is_given_up(control, tmp_path):
+    with serving(control, tmp_path), at_unix(tmp_path) as stream:
+        stream.sendall(b"POST /record HTTP/1.1\r\nHost: haptic\r\nContent-Length: 1000\r\n\r\n{")
+        assert said_at(stream) == (408, "too_late")
+
+
+def test_connections_to_the_port_are_limited(control, tmp_path, monkeypatch):
+    monkeypatch.setattr(connections, "HEADERS_TIMEOUT_S", HANG_S)
+    most, more = connections.MOST_CONNECTIONS, 40
+    with ExitStack() as open_ones, serving(control, tmp_path, 0) as url:
+        address = ("127.0.0.1", httpx.URL(url).port)
+        streams = [open_ones.enter_context(socket.create_connection(address)) for _ in range(most + more)]
+        ended = until(lambda: len(found := select.select(streams, [], [], 0)[0]) >= more and found)
+        assert len(ended) == more
+
+
+def test_streams_count_and_outlast_the_timeout_of_headers(control, tmp_path, monkeypatch):
+    monkeypatch.setattr(connections, "HEADERS_TIMEOUT_S", 0.05)
+    with serving(control, tmp_path), unix_connect(str(tmp_path / "d.sock"), "ws://haptic/state") as stream:
+        for _ in range(5):  # frames come every 50 ms
+            assert json.loads(stream.recv(HANG_S))["status"]["state"] == "idle"
 
 
 # --- sockets and tokens ----------------------------------------------------------------------------------------
@@ -203,6 +301,7 @@ def test_the_token_opens_tcp(tcp):
         ({"Authorization": "Bearer {token}", "Host": "evil.example:{port}"}, 403, "bad_host"),
         ({"Authorization": "Bearer {token}", "Origin": "http://evil.example"}, 403, "bad_origin"),
         ({"Authorization": "Bearer {token}", "Origin": "null"}, 403, "bad_origin"),
+        ({"Authorization": "Bearer {token}", "Origin": "http://["}, 403, "bad_origin"),
         ({"Authorization": "Bearer {token}", "Origin": "http://localhost:1"}, 403, "bad_origin"),
     ],
 )

@@ -1,0 +1,126 @@
+"""Connections to the API before HTTP: how many, how long they may take, and OFF before everything else."""
+
+from __future__ import annotations
+
+import asyncio
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, ClassVar
+
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from haptic_driver.daemon.daemon import Daemon
+from haptic_driver.daemon.verbs import COMMANDS, Empty, Verb
+from haptic_driver.daemon.web.security import refusal
+from haptic_driver.errors import HapticError
+
+MOST_CONNECTIONS = 64  # at once, per listener
+RESERVED = 64  # more, where there is an OFF lane: for OFF alone
+HEADERS_TIMEOUT_S = 2.0
+OFF_THREADS = 8
+
+_FULL = refusal(503, HapticError("busy", f"{MOST_CONNECTIONS} connections are open", "close some; OFF is still heard"))
+_SAID = {200: "OK", 409: "Conflict", 500: "Internal Server Error", 503: "Service Unavailable"}
+
+
+class OffLane:
+    """Answers what switches off by its first line, in threads of its own: before bodies, pools, and everybody else."""
+
+    def __init__(self, daemon: Daemon) -> None:
+        self._daemon = daemon
+        self._threads = ThreadPoolExecutor(OFF_THREADS, "off")
+        self._verbs = {f"{verb.method} {verb.path} ".encode(): verb for verb in COMMANDS if verb.switches_off}
+
+    def begun(self, data: bytes) -> Future[bytes] | None:
+        """The response to come, when a request that begins with `data` switches off."""
+        for line, verb in self._verbs.items():
+            if data.startswith(line):
+                return self._threads.submit(self._response, verb)
+        return None
+
+    def close(self) -> None:
+        """Begin nothing any more."""
+        self._threads.shutdown(wait=False)
+
+    def _response(self, verb: Verb[Any, Any]) -> bytes:
+        try:
+            return _response(200, verb.said_json(self._daemon, Empty(), "").encode())
+        except HapticError as error:
+            return _response(409, bytes(refusal(409, error).body))
+        except Exception as error:
+            said = HapticError("internal", f"{type(error).__name__}: {error}", "a fault of the program")
+            return _response(500, bytes(refusal(500, said).body))
+
+
+class Connection(H11Protocol):
+    """One connection: ended when the headers of a request are late, or when too many are open.
+
+    With a `lane` some more may be open, and are heard for OFF alone.
+    """
+
+    lane: ClassVar[OffLane | None] = None
+    _late: asyncio.TimerHandle | None = None  # ends the connection; while headers are awaited
+    _is_answered = _is_extra = False  # answered: nothing that it says is heard any more
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Begin, or end at once."""
+        super().connection_made(transport)
+        self._is_extra = len(self.connections) > MOST_CONNECTIONS
+        if len(self.connections) > MOST_CONNECTIONS + (RESERVED if self.lane else 0):
+            transport.abort()
+        else:
+            self._end_later()
+
+    def data_received(self, data: bytes) -> None:
+        """OFF is answered by its first line; what else it says is read and forgotten."""
+        if self._is_answered:
+            return
+        if self._awaits_headers:
+            response = self.lane.begun(data) if self.lane else None
+            if response is not None:
+                self._is_answered = True
+                self._stay()
+                asyncio.wrap_future(response, loop=self.loop).add_done_callback(self._answer)
+                return
+            if self._is_extra:
+                self._say(_response(503, bytes(_FULL.body)))
+                return
+            self._end_later()
+        super().data_received(data)
+        if not self._awaits_headers:
+            self._stay()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """End."""
+        self._stay()
+        super().connection_lost(exc)
+
+    @property
+    def _awaits_headers(self) -> bool:
+        is_upgraded = self.transport.get_protocol() is not self
+        return not is_upgraded and (self.cycle is None or self.cycle.response_complete)
+
+    def _end_later(self) -> None:
+        if self._late is None:
+            self._late = self.loop.call_later(HEADERS_TIMEOUT_S, self.transport.abort)
+
+    def _stay(self) -> None:
+        if self._late is not None:
+            self._late.cancel()
+            self._late = None
+
+    def _answer(self, response: asyncio.Future[bytes]) -> None:
+        if not response.cancelled():
+            self._say(response.result())
+
+    def _say(self, response: bytes) -> None:
+        """The last that is said here; the client hangs up, or is not waited for."""
+        if not self.transport.is_closing():
+            self._is_answered = True
+            self.transport.write(response)
+            self.transport.write_eof()
+            self._end_later()
+
+
+def _response(status: int, body: bytes) -> bytes:
+    head = f"HTTP/1.1 {status} {_SAID[status]}\r\ncontent-type: application/json\r\ncontent-length: {len(body)}\r\n"
+    return head.encode() + b"connection: close\r\n\r\n" + body
