@@ -42,7 +42,7 @@ validate: .venv/.runtime
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[validate]'
 	$(BIN)/python -m validation
 
-# The full suite at SCALE 1 has 3,700 sets and takes hours; labels are opened after the last verdict.
+# The full suite at SCALE 1 has 5,300 sets and takes hours; labels are opened after the last verdict.
 SCALE ?= 0.1
 SEED ?= 2
 blind: .venv/.test

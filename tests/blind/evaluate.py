@@ -10,27 +10,16 @@ import argparse
 import json
 import math
 import os
-import random
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
+
+from .scores import Answer, bins, calibration_error, chance_error, reliability, wilson
+from .witness_table import witness_table
 
 VISIBLE = ((0, 12), (12, 35), (35, 75), (75, 200), (200, math.inf))
 MODEL = Path(__file__).resolve().parents[2] / "configs" / "models" / "reference.toml"
-
-
-class Answer(NamedTuple):
-    """What one set got: the workflow's verdict, and the names that two baselines give."""
-
-    verdict: str
-    names: tuple[str, ...]
-    group: tuple[str, ...]
-    top: str
-    probability: float
-    aicc: str
-    chi2: str
-    error: str = ""
 
 
 def answer(path: str) -> Answer:
@@ -50,7 +39,8 @@ def answer(path: str) -> Answer:
     names = tuple(kind.name for kind in verdict.chosen.kinds) if named else ()
     group = tuple(name for members in verdict.group.values() for name in members) if named else ()
     top, probability = next(iter(verdict.probabilities.items()))
-    return Answer(verdict.verdict, names, group, top, probability, _aicc(weighed, found.data.count), _chi2(weighed))
+    baselines = _aicc(weighed, found.data.count), _chi2(weighed)
+    return Answer(verdict.verdict, names, group, top, probability, *baselines, adequate=verdict.adequate)
 
 
 def _aicc(weighed: Any, n: int) -> str:
@@ -68,16 +58,6 @@ def _chi2(weighed: Any) -> str:
     return str(min(weighed.singles, key=lambda c: c.fit.chi2).name)
 
 
-def wilson(hits: int, count: int) -> str:
-    """A rate with its 95 % Wilson interval, in percent."""
-    if not count:
-        return "-"
-    z, p = 1.96, hits / count
-    centre = (p + z * z / (2 * count)) / (1 + z * z / count)
-    half = z * math.sqrt(p * (1 - p) / count + z * z / (4 * count * count)) / (1 + z * z / count)
-    return f"{100 * p:.0f} ({100 * max(centre - half, 0):.0f}..{100 * min(centre + half, 1):.0f}), {hits}/{count}"
-
-
 def cannot_be_found(label: dict[str, Any], columns: tuple[str, ...]) -> bool:
     """Whether one hidden effect leaves no trace in the file's columns, or nothing there says how noisy it is.
 
@@ -87,40 +67,6 @@ def cannot_be_found(label: dict[str, Any], columns: tuple[str, ...]) -> bool:
 
     noise = {"cof_std", "trial"} & set(columns)
     return not noise or not set(BY_NAME[label["effects"][0]["name"]].needs) <= set(columns)
-
-
-def reliability(answers: dict[str, Answer], labels: dict[str, Any]) -> list[tuple[float, float]]:
-    """Probability of the most probable answer, and whether it was right (1.0 or 0.0), of every set with one truth.
-
-    Strangers are right as `unknown`.
-    """
-    pairs = []
-    for name, got in answers.items():
-        effects = labels[name]["effects"]
-        if len(effects) > 1 or got.verdict in ("error", "not_testable"):
-            continue
-        truth = "none" if not effects else "unknown" if effects[0]["stranger"] else effects[0]["name"]
-        pairs.append((got.probability, float(got.top == truth)))
-    return pairs
-
-
-def calibration_error(pairs: list[tuple[float, float]]) -> float:
-    """Expected calibration error, ten bins."""
-    return sum(abs(sum(p - hit for p, hit in part)) for part in _bins(pairs).values()) / max(len(pairs), 1)
-
-
-def chance_error(pairs: list[tuple[float, float]]) -> tuple[float, float]:
-    """What chance alone gives so many perfectly calibrated answers: mean and 95 % limit of their calibration error."""
-    chance = random.Random(0)
-    errors = sorted(calibration_error([(p, float(chance.random() < p)) for p, _ in pairs]) for _ in range(1000))
-    return sum(errors) / len(errors), errors[950]
-
-
-def _bins(pairs: list[tuple[float, float]]) -> dict[int, list[tuple[float, float]]]:
-    bins: dict[int, list[tuple[float, float]]] = {}
-    for p, hit in pairs:
-        bins.setdefault(min(int(p * 10), 9), []).append((p, hit))
-    return dict(sorted(bins.items()))
 
 
 def table(answers: dict[str, Answer], labels: dict[str, Any], columns: dict[str, tuple[str, ...]]) -> str:
@@ -219,7 +165,7 @@ def _calibration_lines(pairs: list[tuple[float, float]]) -> list[str]:
         "| stated | sets | mean stated | right |",
         "|---|---|---|---|",
     ]
-    for i, part in _bins(pairs).items():
+    for i, part in bins(pairs).items():
         stated, hits = (sum(column) for column in zip(*part, strict=True))
         right = wilson(int(hits), len(part))
         lines.append(f"| {i / 10:.1f}..{(i + 1) / 10:.1f} | {len(part)} | {stated / len(part):.2f} | {right} |")
@@ -232,11 +178,17 @@ def _calibration_lines(pairs: list[tuple[float, float]]) -> list[str]:
 
 
 def run(sets: Path, workers: int) -> dict[str, Answer]:
-    """Diagnose every set; labels stay closed."""
+    """Diagnose every set; labels stay closed. What is answered is kept in DIR/answers.json, and not asked again."""
     files = sorted((sets / "sets").glob("*.csv"))
+    kept = sets / "answers.json"
+    answers = {n: Answer(**given) for n, given in json.loads(kept.read_text()).items()} if kept.exists() else {}
+    left = [file for file in files if file.name not in answers]
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # read when numpy is imported, hence in fresh processes
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        return dict(zip((f.name for f in files), pool.map(answer, map(str, files)), strict=True))
+        for file, got in zip(left, pool.map(answer, map(str, left)), strict=True):
+            answers[file.name] = got
+            kept.write_text(json.dumps({name: a._asdict() for name, a in answers.items()}, indent=1))
+    return answers
 
 
 def _header(path: Path) -> tuple[str, ...]:
@@ -252,7 +204,11 @@ def main() -> None:
     given = parser.parse_args()
     answers = run(given.sets, given.workers)
     headers = {name: _header(given.sets / "sets" / name) for name in answers}
-    text = table(answers, json.loads((given.sets / "labels.json").read_text()), headers)
+    labels = json.loads((given.sets / "labels.json").read_text())
+    witnessed = {name: got for name, got in answers.items() if "witnesses" in labels[name]}
+    friction = {name: got for name, got in answers.items() if name not in witnessed}
+    text = table(friction, labels, headers) if friction else ""
+    text += witness_table(witnessed, labels) if witnessed else ""
     if given.out:
         given.out.write_text("# Diagnosis on blind data, as measured\n\n" + text)
     print(text)

@@ -13,15 +13,22 @@ from pathlib import Path
 import numpy as np
 
 from .build import BlindSet, Spec, build
-from .families import COUNTS, ci_specs, specs
+from .families import COUNTS, WITNESSES, ci_specs, specs
+from .witnesses import build_pair
 
 CI_SEED = 20231
 WHOLE = {"session", "trial"}
 
 
+def _cell(name: str, x: float | str) -> str:
+    if isinstance(x, str):
+        return x
+    return f"{int(x)}" if name in WHOLE else "" if np.isnan(x) else f"{x:.6g}"
+
+
 def csv_text(columns: dict[str, np.ndarray]) -> str:
     """One line per row, numbers with six digits."""
-    table = [[f"{int(x)}" if name in WHOLE else f"{x:.6g}" for x in values] for name, values in columns.items()]
+    table = [[_cell(name, x) for x in values] for name, values in columns.items()]
     lines = [",".join(columns)] + [",".join(cells) for cells in zip(*table, strict=True)]
     return "\n".join(lines) + "\n"
 
@@ -44,12 +51,16 @@ def write(sets: list[BlindSet], out: Path, seed: int) -> None:
 
 
 def generate(wanted: list[Spec], seed: int, workers: int = 1) -> list[BlindSet]:
-    """Build the sets, in order, on `workers` processes."""
-    one = partial(build, seed=seed)
+    """Build the sets, in order, on `workers` processes; those of witnesses come with a twin of friction alone."""
+    one = partial(_sets, seed=seed)
     if workers == 1:
-        return [one(spec) for spec in wanted]
+        return [made for spec in wanted for made in one(spec)]
     with ProcessPoolExecutor(workers) as pool:
-        return list(pool.map(one, wanted))
+        return [made for sets in pool.map(one, wanted) for made in sets]
+
+
+def _sets(spec: Spec, seed: int) -> list[BlindSet]:
+    return build_pair(spec, seed) if spec.design == WITNESSES else [build(spec, seed)]
 
 
 def _options(argv: list[str] | None) -> argparse.Namespace:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from .touch import STEADY_SPEED, Rows
 DECADES = np.array([1.0, 10.0, 50.0, 100.0, 250.0, 500.0, 1e3, 1e4, 1e5, 1e6])
 SPEEDS = np.array([0.005, 0.01, 0.02, 0.05, 0.1])
 LOADS = np.array([0.3, 0.5, 1.0])
+SLIDING, RESTING, NONE = 0, 1, 2
+SWEEP_V = 5.0
 Generator = np.random.Generator
 
 
@@ -25,6 +27,8 @@ class Design:
     trial: np.ndarray
     columns: tuple[str, ...]
     bad: bool = False
+    finger: np.ndarray | None = None  # SLIDING, RESTING or NONE; without it every row slides
+    slides: np.ndarray | None = None  # rows of friction; the others are of a sweep
 
     @property
     def has_session(self) -> bool:
@@ -133,6 +137,33 @@ def quiet_grid(rng: Generator) -> Design:
                 np.concatenate([_grid(DECADES[::2], [50.0, 100.0], [0.4, 0.8]), _off(2, [0.4, 0.8])]), session, trial
             )
     return plan.build("quiet_grid", ("session", "trial", "time_s"))
+
+
+def witnesses(rng: Generator) -> Design:
+    """Friction within a rig's touch-current limits, then spectra at 5 V: open, resting and sliding, two loads."""
+    plan = _Plan(rng, 12.0)
+    high = _grid([10.0, 50.0, 125.0, 250.0], [75.0, 125.0])
+    crossed = _grid([30.0, 250.0], [100.0], [0.25, 1.0], [0.01, 0.04])
+    for session in range(1, 4):
+        plan.block(np.concatenate([high, crossed, _off(2), _off(1, [0.25, 1.0], [0.01, 0.04])]), session, 1)
+    friction = sum(len(part[0]) for part in plan.parts)
+    finger = [np.full(friction, SLIDING)]
+    spectrum = np.logspace(1, 6, 11)
+    for session in (1, 2):
+        for kind, load in ((NONE, 0.5), *((k, n) for k in (RESTING, SLIDING) for n in (0.25, 1.0))):
+            plan.block(_grid(spectrum, [SWEEP_V], [load]), session, 1)
+            finger.append(np.full(spectrum.size, kind))
+    columns = ("cof_std", "session", "trial", "time_s", "speed_m_s")
+    design = plan.build("witnesses", columns)
+    slides = np.arange(design.session.size) < friction
+    return replace(design, finger=np.concatenate(finger), slides=slides)
+
+
+def friction_only(design: Design) -> Design:
+    """The rows of friction alone, as a lab without monitors would have them."""
+    keep = design.slides
+    rows = Rows(*(x[keep] for x in (design.rows.f, design.rows.v, design.rows.n, design.rows.speed, design.rows.time)))
+    return Design(design.name, rows, design.session[keep], design.trial[keep], design.columns)
 
 
 def confounded(rng: Generator) -> Design:

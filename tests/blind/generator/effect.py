@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,24 +32,31 @@ class Effect:
 
 @dataclass(frozen=True)
 class Hidden:
-    """An effect at one strength; `sessions` limits it to some sessions (empty: all)."""
+    """An effect at one strength; `sessions` limits it to some sessions (empty: all).
+
+    `bend` (share, phase) is an error of shape: the strength swings by that share over the decades of frequency.
+    """
 
     effect: Effect
     strength: float
     shape: dict
     form: str = CATALOGUE
     sessions: tuple[int, ...] = ()
+    bend: tuple[float, float] = (0.0, 0.0)
 
     def act(self, state: State) -> None:
         if self.strength > 0:
-            self.effect.apply(state, self.strength, self.shape, self.form == ALTERNATIVE)
+            share, phase = self.bend
+            swing = 1 + share * np.sin(np.log10(state.rows.f) + phase) if share else 1.0
+            self.effect.apply(state, self.strength * swing, self.shape, self.form == ALTERNATIVE)
 
     def at(self, strength: float) -> Hidden:
-        return Hidden(self.effect, strength, self.shape, self.form, self.sessions)
+        return replace(self, strength=strength)
 
     def label(self) -> dict:
         parameters = {k: float(v) for k, v in self.effect.describe(self.strength, self.shape).items()}
-        return {"name": self.effect.name, "form": self.form, "parameters": parameters, "sessions": list(self.sessions)}
+        said = {"name": self.effect.name, "form": self.form, "parameters": parameters, "sessions": list(self.sessions)}
+        return said | ({"bend": list(self.bend)} if self.bend[0] else {})
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:

@@ -18,15 +18,23 @@ def amplifier_bandwidth(state: State, knob: float, shape: dict, alternative: boo
         spread = (1.0, 1.9, 3.2, 5.0)[: max(2, int(shape["order"]))]
         for pole in spread:
             state.drive = state.drive / np.sqrt(1 + (x / pole) ** 2)
+            state.drive_phase = state.drive_phase - np.arctan(x / pole)
         return
+    for k in range(shape["order"]):  # Butterworth's poles
+        pole = np.exp(0.5j * np.pi * (1 + (2 * k + 1) / shape["order"]))
+        state.drive_phase = state.drive_phase - np.angle((1j * x - pole) / -pole)
     state.drive = state.drive / np.sqrt(1 + x ** (2 * shape["order"]))
 
 
 def amplifier_slew_limit(state: State, knob: float, _shape: dict, alternative: bool) -> None:
     triangle = 8 / np.pi**2 * (5e8 / knob) / (4 * state.rows.f)
     if alternative:
-        state.drive = state.drive / (1 + (state.drive / triangle) ** 3) ** (1 / 3)
+        left = (1 + (state.drive / triangle) ** 3) ** (-1 / 3)
+        state.drive_phase = state.drive_phase - np.arccos(left)  # a saturated integrator in its loop: error leads by 90
+        state.drive = state.drive * left
         return
+    peak = np.pi**2 / 8 * triangle / state.drive.clip(1e-12)  # the triangle turns where it meets the sine
+    state.drive_phase = state.drive_phase - np.arccos(np.minimum(peak, 1.0))
     state.drive = np.minimum(state.drive, triangle)
 
 
@@ -60,7 +68,7 @@ def skin_hydration(state: State, knob: float, shape: dict, alternative: bool) ->
         state.k_skin = _wetter(state.k_skin, knob)
         return
     dry, thickness = state.k_skin, state.finger.skin
-    levels = knob * np.exp(-np.linspace(0.05, 0.95, 10) * shape["fall"])  # wetness from the outside in
+    levels = [knob * fall for fall in np.exp(-np.linspace(0.05, 0.95, 10) * shape["fall"])]  # from the outside in
     state.k_skin = _wetter(dry, levels[0])
     state.skin_stack = lambda _k: sum(thickness / 10 / _wetter(dry, w) for w in levels)
 
@@ -96,7 +104,7 @@ def humid_gap_conduction(state: State, knob: float, _shape: dict, alternative: b
 
 
 def sweat_film(state: State, knob: float, shape: dict, alternative: bool) -> None:
-    share, h = min(knob, 0.95), state.finger.h_rms
+    share, h = np.minimum(knob * np.ones_like(state.drive), 0.95)[:, None], state.finger.h_rms
     state.k_film = 80 + shape["sigma_s"] / (_jw(state) * VACUUM)
     if alternative:  # wide gaps fill less
         state.film = lambda u: share * u / (1 + 0.15 * u / h)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .effect import Effect, log_uniform, nothing
-from .touch import STEADY_SPEED, State
+from .touch import CREEP_SPEED, STEADY_SPEED, State
 
 F_REF = 0.5  # N
 
@@ -48,7 +48,7 @@ def load_dependent_friction(state: State, knob: float, shape: dict, alternative:
 
 
 def velocity_dependent_friction(state: State, knob: float, shape: dict, alternative: bool) -> None:
-    v = state.rows.speed
+    v = np.maximum(state.rows.speed, CREEP_SPEED)
     if alternative:  # Stribeck-like: a boundary level that gives way to a lower or higher one
         factor = 1 + shape["sign"] * knob * 2.2 * (np.exp(-STEADY_SPEED / 0.03) - np.exp(-v / 0.03))
     else:
@@ -63,7 +63,7 @@ def contact_ageing(state: State, knob: float, shape: dict, alternative: bool) ->
 
 
 def viscoelastic_skin(state: State, knob: float, _shape: dict, alternative: bool) -> None:
-    v = state.rows.speed / STEADY_SPEED
+    v = np.maximum(state.rows.speed, CREEP_SPEED) / STEADY_SPEED
     if alternative:  # standard linear solid: soft at rest, stiff above a speed
         top = np.exp(4 * knob)
         factor = (1 + top * (v / 2) ** 2) / (1 + (v / 2) ** 2) / ((1 + top / 4) / (1 + 1 / 4))

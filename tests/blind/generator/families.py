@@ -1,4 +1,4 @@
-"""Families F0 to F10 of diagnosis.md section 7 as lists of specifications, and the fixed list for continuous tests."""
+"""Families F0 to F10 of diagnosis.md section 7, W0 to W5 with the electrode's witnesses, and the fixed list for CI."""
 
 from __future__ import annotations
 
@@ -14,9 +14,12 @@ from .effects import CATALOGUE_EFFECTS, STRANGERS
 COUNTS = {
     "F0": 300, "F1": 960, "F2": 100, "F3": 1000, "F4": 300, "F5": 200,
     "F6": 150, "F7": 300, "F8": 100, "F9": 100, "F10": 200,
+    "W0": 150, "W1": 400, "W4": 100, "W5": 150,
 }  # fmt: skip
 NAMES = tuple(CATALOGUE_EFFECTS)
 OUTSIDE = tuple(STRANGERS)
+WITNESSES = "witnesses"  # the design of the families W
+CLEAR_LEVELS = (100.0, 300.0, 1000.0)
 LEVELS = (9.0, 16.0, 25.0, 50.0, 100.0, 400.0)
 # truth, and a design on which physics.md or a first look says it hides behind another effect
 ALIASED = (
@@ -118,9 +121,28 @@ def f10(i: int, rng: np.random.Generator) -> Spec:
     return Spec("F10", i, ((_cycle(NAMES, i * 7), level),), ALTERNATIVE)
 
 
+def w0(i: int, _rng: np.random.Generator) -> Spec:
+    return Spec("W0", i, design=WITNESSES)
+
+
+def w1(i: int, rng: np.random.Generator) -> Spec:
+    level = float(rng.choice(CLEAR_LEVELS))
+    return Spec("W1", i, ((_cycle(NAMES, i * 7), level),), _form(i // len(NAMES) + i), design=WITNESSES)
+
+
+def w4(i: int, rng: np.random.Generator) -> Spec:
+    return Spec("W4", i, ((_cycle(OUTSIDE, i * 3), float(rng.choice(CLEAR_LEVELS))),), design=WITNESSES)
+
+
+def w5(i: int, rng: np.random.Generator) -> Spec:
+    drawn = f5(0, rng).effects[:2]
+    return Spec("W5", i, tuple((n, float(rng.choice(CLEAR_LEVELS))) for n, _ in drawn), _form(i), design=WITNESSES)
+
+
 FAMILIES: dict[str, Callable[[int, np.random.Generator], Spec]] = {
     "F0": f0, "F1": f1, "F2": f2, "F3": f3, "F4": f4, "F5": f5,
     "F6": f6, "F7": f7, "F8": f8, "F9": f9, "F10": f10,
+    "W0": w0, "W1": w1, "W4": w4, "W5": w5,
 }  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .effect import Effect, log_uniform
-from .touch import State
+from .touch import CREEP_SPEED, State
 
 
 def _peak(x: np.ndarray, centre: float, width: float) -> np.ndarray:
@@ -13,7 +13,7 @@ def _peak(x: np.ndarray, centre: float, width: float) -> np.ndarray:
 
 
 def sensor_resonance_speed(state: State, knob: float, shape: dict, _alt: bool) -> None:
-    bump = _peak(np.log(state.rows.speed), np.log(shape["v_r"]), 0.25)
+    bump = _peak(np.log(np.maximum(state.rows.speed, CREEP_SPEED)), np.log(shape["v_r"]), 0.25)
     state.after.append(lambda _rows, mu, _force: mu * (1 + knob * bump))
 
 

@@ -18,6 +18,7 @@ from . import gaps
 VACUUM = 8.8541878128e-12
 AREA = 1e-4  # nominal contact, m2
 STEADY_SPEED = 0.02  # m/s, the paper's stage, where a design records no speed
+CREEP_SPEED = 1e-3  # m/s, of the skin of a resting finger
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,7 @@ class State:
     finger: Finger
     rough: Roughness
     drive: np.ndarray  # V, amplitude that reaches the stack
+    drive_phase: np.ndarray  # rad, of the same against the set voltage
     k_insulator: np.ndarray
     k_skin: np.ndarray
     stack_add: np.ndarray  # complex length added to the layers, m
@@ -123,6 +125,7 @@ def prepare(rows: Rows, finger: Finger, rough: Roughness) -> State:
         finger=finger,
         rough=rough,
         drive=rows.v.astype(float),
+        drive_phase=zero.copy(),
         k_insulator=3.9 + 1e-13 / s,
         k_skin=dry_skin(rows.f),
         stack_add=zero.astype(complex),
@@ -174,8 +177,8 @@ def _stack(state: State, k_skin: np.ndarray, pressure: np.ndarray, u: np.ndarray
     return Stack(air, 1 + h * shunt / s, h * k_gap, shunt, s * k_gap)
 
 
-def _electric_pressure(state: State, pressure: np.ndarray) -> np.ndarray:
-    """Mean electrostatic pressure (Pa) when the total pressure is `pressure` (Pa)."""
+def settled(state: State, pressure: np.ndarray) -> tuple[np.ndarray, Stack]:
+    """Masses of the gaps (n, bins) and what lies over them, at the total `pressure` (Pa)."""
     finger, rough = state.finger, state.rough
     table = gaps.histograms(rough.hurst, rough.high / rough.low)
     mass = table.at(pressure / (modulus() * state.stiffness * rough.low * finger.h_rms))
@@ -190,6 +193,12 @@ def _electric_pressure(state: State, pressure: np.ndarray) -> np.ndarray:
             new = state.k_skin.real + 1j * state.k_skin.imag * factor
             k_skin = np.sqrt(k_skin * new)
             stack = _stack(state, k_skin, pressure, u)
+    return mass, stack
+
+
+def _electric_pressure(state: State, pressure: np.ndarray) -> np.ndarray:
+    """Mean electrostatic pressure (Pa) when the total pressure is `pressure` (Pa)."""
+    mass, stack = settled(state, pressure)
     square = stack.field_square()
     if state.field_cap is not None:
         peak = state.field_cap(np.sqrt(square) * state.drive[:, None])

@@ -116,28 +116,17 @@ def base_cost(design: Design, log_cof: np.ndarray, white: Whitener, start: Finge
     return float(2 * fit.cost)
 
 
-@dataclass
-class Visibility:
-    """lambda of hidden effects for one design, finger and noise level."""
-
-    design: Design
-    finger: Finger
-    relative_sigma: np.ndarray
-
-    def __post_init__(self) -> None:
-        self.white = whitener(self.design, self.relative_sigma)
-        self.null = self._cost(clean_friction(self.design, self.finger, ()))
-
-    def _cost(self, cof: np.ndarray) -> float:
-        return base_cost(self.design, np.log(cof), self.white, self.finger)
+class Search:
+    """Finds the strength of an effect that gives a wanted lambda."""
 
     def of(self, hidden: tuple[Hidden, ...]) -> float:
-        return max(self._cost(clean_friction(self.design, self.finger, hidden)) - self.null, 0.0)
+        """lambda of these effects together."""
+        raise NotImplementedError
 
-    def reach(self, hidden: Hidden, target: float, others: tuple[Hidden, ...] = ()) -> tuple[Hidden, float]:
+    def reach(self, hidden: Hidden, target: float) -> tuple[Hidden, float]:
         """Set the strength so that lambda is `target` within 3 %; where it is out of reach, the most visible strength.
 
-        `others` are present in truth but do not count: only the visibility of `hidden` alone is aimed at.
+        Only the visibility of `hidden` alone is aimed at, whatever else is present in truth.
         """
         low, high = hidden.effect.knob
         ladder = np.geomspace(low, high, 13)
@@ -164,3 +153,22 @@ class Visibility:
                 break
             low, high = (middle, high) if seen < target else (low, middle)
         return best
+
+
+@dataclass
+class Visibility(Search):
+    """lambda of hidden effects for one design, finger and noise level."""
+
+    design: Design
+    finger: Finger
+    relative_sigma: np.ndarray
+
+    def __post_init__(self) -> None:
+        self.white = whitener(self.design, self.relative_sigma)
+        self.null = self._cost(clean_friction(self.design, self.finger, ()))
+
+    def _cost(self, cof: np.ndarray) -> float:
+        return base_cost(self.design, np.log(cof), self.white, self.finger)
+
+    def of(self, hidden: tuple[Hidden, ...]) -> float:
+        return max(self._cost(clean_friction(self.design, self.finger, hidden)) - self.null, 0.0)
