@@ -227,11 +227,13 @@ class Supervisor:
 
     def _lose(self, name: str, why: str) -> None:
         """Say so, then bring it back in a thread of its own, one thing at a time; nobody can arm meanwhile."""
-        self._orders.fail(why)
         with self._restarting:
-            if self.missing:
-                return
-            self.missing = f"{name}: being started again"
+            is_first = not self.missing
+            if is_first:
+                self.missing = f"{name}: being started again"  # before the fault is told: nobody resets in between
+        self._orders.fail(why)
+        if not is_first:
+            return
         try:
             self._in_thread(self._bring_back, name)
         except RuntimeError:  # no thread is to be had: tried again with the next look
