@@ -53,9 +53,9 @@ def run(
     def announce(socket: Path, page: str | None) -> None:
         report(as_json, {"socket": str(socket), "page": page}, lambda: _show(rig, socket, page))
 
-    logging.basicConfig(format="%(asctime)s %(name)s: %(message)s", level=logging.INFO)
-    for handler in logging.getLogger().handlers:
-        handler.addFilter(OncePerSecond())
+    handler = logging.StreamHandler()
+    handler.addFilter(OncePerSecond())
+    logging.basicConfig(format="%(asctime)s %(name)s: %(message)s", level=logging.INFO, handlers=[handler])
     return run_daemon(rig, socket, model, allow_no_rt, port, lsl, osc, announce)
 
 

@@ -10,7 +10,17 @@ import typer
 from rich.table import Table
 from typer import Option
 
-from haptic_driver.cli.output import Json, ModelOption, RigOption, named, report, status, stderr, stdout
+from haptic_driver.cli.output import (
+    Json,
+    ModelOption,
+    RigOption,
+    confirm_attended,
+    named,
+    report,
+    status,
+    stderr,
+    stdout,
+)
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.investigate import Budget, Investigation, Subject
 from haptic_driver.experiments.investigate import investigate as run
@@ -54,7 +64,10 @@ def investigate(
     if finger is not None and not config.simulated:
         raise BadInputError("usage", f"rig {config.name} is real: it has its own finger", "Leave --finger out")
     if not (config.simulated or yes):
-        _ask_to_begin(config.name)
+        stderr.print(
+            f"rig {config.name} is real: the stage moves, the screen is energised, for at most {minutes:g} min"
+        )
+        confirm_attended(config.name)
     function = None if finger is None else load_finger(finger)
     subject = Subject(config, description, load_plan(plan), function, seed, _ask)
     with bad_input("bad_data"), status("investigating") as tell:
@@ -64,14 +77,6 @@ def investigate(
             said = f"interrupted; what is measured so far is in {out}"
             raise HapticError("interrupted", said, "The same command goes on from there") from stop
     report(as_json, found.payload(), lambda: _show(found, out))
-
-
-def _ask_to_begin(name: str) -> None:
-    if not sys.stdin.isatty():
-        said = f"rig {name} is real, and nobody was asked whether to begin: no terminal"
-        raise BadInputError("not_attended", said, "Run it on a terminal, or give --yes while somebody watches the rig")
-    if not typer.confirm(f"rig {name} is real: the stage will move, the screen be energised. Begin?", err=True):
-        raise BadInputError("not_attended", "not begun: nothing was moved or energised", "Answer y to begin")
 
 
 def _ask(todo: str) -> bool:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import datetime
-import sys
 from math import ceil
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from rich.text import Text
 from typer import Option
 
@@ -17,6 +15,7 @@ from haptic_driver.cli.output import (
     Json,
     ModelOption,
     RigOption,
+    confirm_attended,
     named,
     progress,
     report,
@@ -27,7 +26,7 @@ from haptic_driver.config import parse, read_toml
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.benches import bench_for
 from haptic_driver.experiments.check import told
-from haptic_driver.experiments.data_file import DataFile, note
+from haptic_driver.experiments.data_file import DataFile
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.run import Experiment, prepare, run
 from haptic_driver.experiments.spectra import Stray, mark_spectra
@@ -127,11 +126,7 @@ def _ask(experiment: Experiment, yes: bool) -> None:
         stderr.print(
             "The LCR meter drives the electrode: take the amplifier's lead off it, and wire the meter's to it."
         )
-    if not sys.stdin.isatty():
-        said = f"rig {experiment.config.name} is real, and nobody was asked whether to begin: no terminal"
-        raise BadInputError("not_attended", said, "Run it on a terminal, or give --yes while somebody watches the rig")
-    if not typer.confirm("Begin?", err=True):
-        raise BadInputError("not_attended", "not begun: nothing was moved or energised", "Answer y to begin")
+    confirm_attended(experiment.config.name)
 
 
 def _hiding(config: RigConfig, path: Path) -> RigConfig:
@@ -147,15 +142,13 @@ def _hiding(config: RigConfig, path: Path) -> RigConfig:
 
 
 def _check_spectra(experiment: Experiment, out: Path) -> Stray | None:
-    """Marks what contradicts Kramers and Kronig, says so, and keeps the stray capacitance beside the data."""
+    """Marks what contradicts Kramers and Kronig, and says so."""
     if not any(row.setting.sweep for row in experiment.rows):
         return None
     failed, stray = mark_spectra(out, datetime.date.today())
     if failed:
         said = f"{failed} rows of sweeps contradict Kramers and Kronig: something changed while they were measured"
         stderr.print(f"warning: {said}; they are marked in the column kramers_kronig")
-    if stray is not None:
-        note(out, {"stray_capacitance": stray._asdict()})
     return stray
 
 
@@ -181,9 +174,5 @@ def _show(experiment: Experiment, out: Path, off: OffEvidence, stray: Stray | No
     if experiment.skipped:
         stdout.print(f"{experiment.skipped} rows skipped: outside the rig's limits")
     if stray is not None:
-        value, source = (
-            f"value = {stray.capacitance_f:.6g}, std = {stray.std_f:.2g}",
-            f"open circuit, {stray.measured_at}",
-        )
-        stdout.print(f'for the model\'s file: stray_capacitance_f = {{ {value}, source = "{source}" }}', markup=False)
+        stdout.print(f"for the model's file: {stray.as_parameter()}", markup=False)
     stdout.print(f"output at the end: {off}")

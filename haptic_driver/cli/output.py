@@ -15,6 +15,7 @@ from contextlib import contextmanager, nullcontext
 from types import FrameType
 from typing import Annotated, Any
 
+import typer
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -29,7 +30,7 @@ from rich.text import Text
 from typer import Option
 
 from haptic_driver.config import config_names
-from haptic_driver.errors import HapticError
+from haptic_driver.errors import BadInputError, HapticError
 
 
 def named(kind: str, what: str, declare: Callable[..., Any] = Option) -> Any:
@@ -92,6 +93,15 @@ def progress(what: str, total: int) -> Iterator[Advance]:
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal) as bar:
         yield Advance(bar, what, total)
+
+
+def confirm_attended(rig: str) -> None:
+    """A real rig is energised and moved only while somebody is there who says so; BadInputError otherwise."""
+    if not sys.stdin.isatty():
+        said = f"rig {rig} is real, and nobody was asked whether to begin: no terminal"
+        raise BadInputError("not_attended", said, "Run it on a terminal, or give --yes while somebody watches the rig")
+    if not typer.confirm("Begin?", err=True):
+        raise BadInputError("not_attended", "not begun: nothing was moved or energised", "Answer y to begin")
 
 
 @contextmanager

@@ -25,8 +25,8 @@ from haptic_driver.simulation.finger_function import FingerFunction
 from model.description import ModelDescription
 from model.diagnosis.data import read_measurements, together
 from model.diagnosis.design import Design, design
+from model.diagnosis.naming import SURE
 from model.diagnosis.report import write_report
-from model.diagnosis.several import SURE
 from model.diagnosis.verdict import ALIKE
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects.interventions import BY_INTERVENTION, NOTHING
@@ -160,7 +160,7 @@ def _next(
     chosen = design(diagnosis, possible.pool, MOST_BLOCKS, 60.0 * budget.minutes - found.measured_s)
     found.history.append(_told(diagnosis, chosen, possible.blocks))
     alike = [name for names in _group(diagnosis).values() for name in names]
-    if alike and all(chosen.reach.get(name, 0.0) < ALIKE for name in alike):
+    if alike and all(chosen.reach[name] < ALIKE for name in alike if name in chosen.reach):
         found.outcome = ALIKE_HERE
     elif not chosen.choices or found.rounds >= budget.rounds:
         found.outcome = SPENT

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, FiniteFloat, SkipValidation, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, SkipValidation, model_validator
 
 from haptic_driver.config import Section, find_config, parse, read_toml
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import write_text
 from model.conditions import UNDRIVEN_HZ
-from model.effects.interventions import NOTHING
+from model.effects.interventions import BY_INTERVENTION, NOTHING
+from model.support.errors import nearest
 
 MOST_ROWS = 100_000
 LONGEST_S = 86400.0  # of a session
@@ -91,6 +92,13 @@ class Sweep(Section):
                 yield Setting(f, self.voltage_v, load_n, speed_m_s, finger=finger, sweep=True)
 
 
+def _known_intervention(name: str) -> str:
+    known = [NOTHING, *BY_INTERVENTION]
+    if name not in known:
+        raise ValueError(f"'{name}' is no intervention: {nearest(name, known)}")
+    return name
+
+
 class _Procedure(Section):
     """How settings are measured. `voltage_off_every` n: a row without voltage before every n rows; 0 for none.
 
@@ -110,7 +118,7 @@ class _Procedure(Section):
     average_s: Annotated[FiniteFloat, Field(ge=0.25, le=60.0)] = 1.0
     pause_s: Annotated[FiniteFloat, Field(ge=0.0, le=3600.0)] = 1.0
     load_tolerance: Annotated[FiniteFloat, Field(ge=0.01, le=1.0)] = 0.1
-    intervention: Literal["none", "strap", "dry_air", "wipe", "discharge", "other_amplifier"] = "none"
+    intervention: Annotated[str, AfterValidator(_known_intervention)] = NOTHING
 
 
 class PlanFile(_Procedure):

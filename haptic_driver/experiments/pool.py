@@ -44,7 +44,8 @@ def choices(config: RigConfig, model: TouchModel, procedure: Plan, interventions
     every = list(dict.fromkeys(setting for block in blocks for setting in block))
     allowed = dict(zip(every, resolved(every, config, model), strict=True))
     points, _ = check(list(allowed.values()), procedure, config, model)
-    kept = [tuple(allowed[s] for s in block if allowed[s] in points) for block in blocks]
+    usable = {s for s in points if not s.by_meter}  # nobody is asked to wire the electrode anew
+    kept = [tuple(allowed[s] for s in block if allowed[s] in usable) for block in blocks]
     permitted = tuple(block for block in kept if block)
     cost_s = [REPEATS * len(block) * procedure.row_s + _hands_s(block) for block in permitted]
     return Choices(permitted, _pool(config, permitted, np.array(cost_s)))

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_driver.experiments.data_file import note
 from haptic_driver.files import replacing
 from haptic_driver.signals import Array
 
@@ -83,8 +84,8 @@ def passes(frequency_hz: Array, impedance_ohm: ComplexArray, std: Array) -> NDAr
 def mark_spectra(path: Path, today: datetime.date) -> tuple[int, Stray | None]:
     """Write into a data file's `kramers_kronig` which rows of its sweeps pass.
 
-    Returns how many fail, and the stray capacitance of all open circuits, None without one. Spectra of fewer rows than
-    tell anything stay unmarked.
+    Returns how many fail, and the stray capacitance of all open circuits, which the sidecar keeps too; None without
+    one. Spectra of fewer rows than tell anything stay unmarked.
     """
     with path.open(encoding="utf-8", newline="") as file:
         reader = csv.DictReader(file)
@@ -98,7 +99,10 @@ def mark_spectra(path: Path, today: datetime.date) -> tuple[int, Stray | None]:
             row["kramers_kronig"] = "passes" if good else "fails"
     with replacing(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         file.write("".join(",".join(line) + "\n" for line in (names, *([row[n] for n in names] for row in rows))))
-    return failed, stray_capacitance(rows, today)
+    stray = stray_capacitance(rows, today)
+    if stray is not None:
+        note(path, {"stray_capacitance": stray._asdict()})
+    return failed, stray
 
 
 def stray_capacitance(rows: Sequence[Mapping[str, str]], today: datetime.date) -> Stray | None:

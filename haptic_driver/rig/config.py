@@ -315,12 +315,16 @@ class RigConfig(Section):
         for i, monitor in enumerate(self.electrode_monitors):
             if monitor.drives and not sweep:
                 continue
-            on_card = isinstance(monitor, CardElectrodeMonitorConfig) and self.analog_inputs is not None
-            highest_hz = self.monitor_reach_hz if on_card else monitor.highest_hz
-            lowest_hz = 1.0 / self.analog_inputs.buffer_s if on_card and self.analog_inputs else monitor.lowest_hz
+            lowest_hz, highest_hz = monitor.range_hz(self.card_hz)
             if lowest_hz <= frequency_hz <= highest_hz:
                 return i
         return None
+
+    @property
+    def card_hz(self) -> tuple[float, float]:
+        """The lowest and the highest carrier that the card's channels of the monitors tell."""
+        card = self.analog_inputs
+        return (inf, 0.0) if card is None else (1.0 / card.buffer_s, self.monitor_reach_hz)
 
     def swept_by_meter(self, frequency_hz: float) -> SomeElectrodeMonitor | None:
         """The instrument that drives the electrode itself in a sweep at this carrier, if one does."""
@@ -468,7 +472,7 @@ def _aliased(rig: RigConfig) -> Iterator[str]:
     A faster monitor sees it, but cannot trip: there the rig allows no more than what reads as quiet anyway.
     """
     highest_hz = rig.limits.frequency_hz[1]
-    reach_hz = max([rig.monitor_reach_hz, *(monitor.highest_hz for monitor in rig.electrode_monitors)])
+    reach_hz = max([rig.monitor_reach_hz, *(monitor.range_hz(rig.card_hz)[1] for monitor in rig.electrode_monitors)])
     if rig.analog_inputs is not None and highest_hz > reach_hz:
         rate_hz, reach_hz = rig.analog_inputs.sample_rate_hz, rig.monitor_reach_hz
         yield (

@@ -23,7 +23,7 @@ from haptic_driver.rig.devices import analog_inputs, generator_settings, generat
 from haptic_driver.rig.evidence import MONITOR_QUIET_V
 from haptic_driver.rig.part import NO_WATCHDOG, Vouched
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
-from haptic_driver.rig.parts.electrode_monitors import E4980AConfig, InfiniiVisionConfig
+from haptic_driver.rig.parts.electrode_monitors import InstrumentMonitor
 from haptic_driver.rig.parts.finger_trackers import (
     EvdevFingerConfig,
     NoFingerTracker,
@@ -37,6 +37,7 @@ from hw.finger.touch_screen import open_touch_reports
 from hw.force.ati_calibration import AtiCalibration
 from hw.force.net_ft import NetFt
 from hw.generator.contract import GeneratorKind, GeneratorReport
+from hw.monitor.scpi_line import ScpiLine
 from hw.safety.interlock import IDENTITY
 from hw.stage import apt
 from hw.stage.lts150 import Lts150
@@ -287,15 +288,12 @@ def _electrode_monitors(config: RigConfig) -> Checks:
     """Instruments are asked who they are; what they would read needs a voltage."""
     for section in config.electrode_monitors:
         name = f"electrode monitor, {section.kind}"
-        if not isinstance(section, InfiniiVisionConfig | E4980AConfig):
+        if not isinstance(section, InstrumentMonitor):
             yield _unverified(name, "needs a voltage", "a resistor in the finger's place must read as one throughout")
             continue
-        transport = make_transport(section.resource, visa_backend=section.visa_backend)
-        with _failures(name, transport) as failed:
-            transport.open()
-            said = transport.query(b"*IDN?\n", section.reply_timeout_s).decode("ascii", errors="replace").strip()
-            is_one = re.fullmatch(section.identity, (said + ",,").split(",")[1].strip())
-            yield _ok(name, said) if is_one else _failed(name, f"{said!r} is no {section.kind}", "check its address")
+        line = ScpiLine(section.transport(), section.reply_timeout_s)
+        with _failures(name, line) as failed:
+            yield _ok(name, line.identify(section.identity()))
         yield from failed
 
 

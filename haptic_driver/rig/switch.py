@@ -94,10 +94,7 @@ class OutputSwitch:
         """Tell the generator."""
         self._permit.check()
         self._voltage.commanded(voltage_v + abs(voltage_offset_v))
-        if (voltage_offset_v, shape) == (0.0, Shape.SINE):
-            self._generator.set_point(frequency_hz, voltage_v, modulation=self._modulation)
-        else:
-            self._generator.set_point(frequency_hz, voltage_v, voltage_offset_v, shape=shape)
+        self._generator.set_point(frequency_hz, voltage_v, voltage_offset_v, shape=shape, modulation=self._modulation)
         self._permit.check()
 
     def check(self, time_s: float) -> None:

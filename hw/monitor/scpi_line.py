@@ -19,11 +19,16 @@ class ScpiLine:
 
     def open(self, model: re.Pattern[str]) -> None:
         """Connect, check who answers, and forget its old errors."""
+        self.identify(model)
+        self.tell("*CLS")
+
+    def identify(self, model: re.Pattern[str]) -> str:
+        """Connect, and only ask who answers: BadReply for another instrument."""
         self._transport.open()
         identity = self.ask("*IDN?")
         if not model.fullmatch((identity + ",,").split(",")[1].strip()):
             raise self._bad(f"is {identity!r}, not a {model.pattern}", "check address and kind in the rig's file")
-        self.tell("*CLS")
+        return identity
 
     def close(self) -> None:
         """Hang up."""

@@ -129,6 +129,11 @@ class Measurements:
         """A number per observation, equal for those of one session and witness, which share a gain."""
         return self.session if self.witness is None else self.session + len(self.session_names) * self.witness
 
+    @property
+    def has_effects_off(self) -> bool:
+        """Whether effects under test may be off in some observations."""
+        return self.effects_on is not None or self.intervention is not None
+
     def with_effect(self, name: str) -> Mask:
         """Observations [n] in which an effect under test is on: no intervention had removed it."""
         on = np.ones(self.count, bool) if self.effects_on is None else self.effects_on
@@ -136,11 +141,6 @@ class Measurements:
             return on
         off = [done.name for done in INTERVENTIONS if name in done.removes]
         return np.asarray(on & ~np.isin(self.intervention, off))
-
-    @property
-    def untouched(self) -> Mask:
-        """Observations [n] before which nobody had done anything at the rig."""
-        return np.ones(self.count, bool) if self.intervention is None else self.intervention == NOTHING
 
     @property
     def sliding(self) -> Mask:

@@ -17,17 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.data import Measurements
-from model.diagnosis.fit import STEP, Problem
-from model.diagnosis.naming import Candidate
-from model.diagnosis.noise import LOOSE_DEGREES, Noise, gain_std
+from model.diagnosis.fit import STEP
+from model.diagnosis.naming import Candidate, imitate
+from model.diagnosis.noise import gain_std
 from model.diagnosis.space import Predictor
 from model.diagnosis.witness import WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
 from model.support.arrays import Array
 
-MODELS = 5  # that take part
+MODELS = 6  # that take part
 LEAST_WEIGHT = 1e-3  # of the first model and any other, beside the weightiest pair: each rival deserves a test
-LEAST_GAIN = 0.01  # of what is left to tell: a block that adds less is not worth its time
+LEAST_GAIN = 0.01  # of all that is to be told: a block that adds less is not worth its time
 USUAL_STD = 0.03  # of a witness that has said nothing so far, where nothing is usual of it
 
 
@@ -125,7 +125,7 @@ def design(diagnosis: Diagnosis, pool: Pool, most: int, most_s: float) -> Design
     enough = findings.weighed.apart
     left, left_s = set(range(pool.cost_s.size)), most_s
     choices: list[Choice] = []
-    while len(choices) < most and any(pair.reached < enough for pair in pairs if pair.weight > 0.0):
+    while len(choices) < most:
         possible = np.array(sorted(b for b in left if pool.cost_s[b] <= left_s), dtype=np.intp)
         if not possible.size:
             break
@@ -133,8 +133,7 @@ def design(diagnosis: Diagnosis, pool: Pool, most: int, most_s: float) -> Design
         so_far = np.array([[pair.reached] for pair in pairs])
         gains = np.minimum(reached, enough) - np.minimum(so_far, enough)
         weighed = np.array([[pair.weight] for pair in pairs]) * gains
-        wanted = sum(pair.weight * max(enough - pair.reached, 0.0) for pair in pairs)
-        if weighed.sum(axis=0).max() < LEAST_GAIN * wanted:
+        if weighed.sum(axis=0).max() < LEAST_GAIN * enough * sum(pair.weight for pair in pairs):
             break
         best = int(np.argmax(weighed.sum(axis=0) / pool.cost_s[possible]))
         block, first = int(possible[best]), int(np.argmax(weighed[:, best]))
@@ -154,17 +153,21 @@ def leading(findings: Findings) -> list[tuple[Candidate, float]]:
     fitted.sort(key=lambda c: (c.name not in alike, -verdict.probabilities[c.name]))
     own = [verdict.probabilities[kind.name] for kind in verdict.chosen.kinds]
     chosen = (verdict.chosen, sum(own) if own else verdict.probabilities[verdict.chosen.name])
-    return [chosen, *((c, verdict.probabilities[c.name]) for c in fitted[: max(MODELS - 1, len(alike))])]
+    return [chosen, *((c, verdict.probabilities[c.name]) for c in fitted[: MODELS - 1])]
 
 
 def _pairs(findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool: Pool, own_std: Array) -> list[_Pair]:
-    """Every two models, weighed by the product of their probabilities."""
-    problem, data = findings.problem, pool.observations
+    """Every two models, weighed by the product of their probabilities.
+
+    Beside the first, each other one is what it would be if the data so far were what the first says they are: what it
+    can imitate there and in the pool, it is not to be told from by anything measured.
+    """
+    problem, data, first = findings.problem, pool.observations, leaders[0][0]
     predictor = Predictor(problem.predictor.description, data, problem.predictor.free)
     std = own_std * np.sqrt(findings.verdict.chosen.fit.scale2 / pool.repeats)
     means, spreads = [], []
     for candidate, _ in leaders:
-        vector = candidate.fit.vector
+        vector = (candidate.fit if candidate is first else imitate(problem, first.fit, candidate)).vector
         values = predictor.predicted(candidate.kinds, np.vstack([vector, vector + STEP * np.eye(vector.size)]))
         root = np.linalg.cholesky(candidate.fit.covariance + 1e-12 * np.eye(vector.size))
         means.append(values[0])
@@ -174,29 +177,14 @@ def _pairs(findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool:
     gains = _session_gains(data)
     weights = [a[1] * b[1] for a, b in combinations(leaders, 2)]
     floor = LEAST_WEIGHT * max(weights, default=1.0) or 1.0
-    alike = {name for names in findings.verdict.group.values() for name in names}
     pairs = []
     for weight, (i, j) in zip(weights, combinations(range(len(leaders)), 2), strict=True):
-        rival = means[j]
-        if i == 0 and leaders[j][0].name in alike:
-            rival = _closest(predictor, means[0], leaders[j][0], std, rival)
-        difference = np.nan_to_num(predictor.less(means[i], rival))[:, None]
+        difference = np.nan_to_num(predictor.less(means[i], means[j]))[:, None]
         spread = np.nan_to_num(np.concatenate([gains, spreads[i], spreads[j]], axis=1))
         blocks = _by_block(sure * difference, sure * spread, pool)
         names = (leaders[i][0].name, leaders[j][0].name)
         pairs.append(_Pair(names, max(weight, floor if i == 0 else 0.0), blocks, _nothing(spread.shape[1])))
     return pairs
-
-
-def _closest(predictor: Predictor, mean: Array, rival: Candidate, std: Array, otherwise: Array) -> Array:
-    """What a rival says of each observation that it is fitted anew to foretell: where nothing is done at the rig."""
-    plain = np.flatnonzero(np.isfinite(mean) & np.isfinite(otherwise) & predictor.data.untouched)
-    noise = Noise(std[plain], np.diag(std[plain]), LOOSE_DEGREES, "design", 0, 0.0, np.ones(plain.size))
-    settings = Predictor(predictor.description, predictor.data.subset(plain), predictor.free)
-    fit = Problem(settings, mean[plain], noise).fit(rival.kinds, rival.fit.vector)
-    found = otherwise.copy()
-    found[plain] = settings.predicted(rival.kinds, fit.vector[None])[0]
-    return found
 
 
 def _by_block(difference: Array, spread: Array, pool: Pool) -> _Told:

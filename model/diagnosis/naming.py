@@ -15,6 +15,7 @@ from model.effects import CATALOGUE, Effect
 from model.support.arrays import Array
 
 PRIOR_NONE, PRIOR_UNKNOWN = 0.5, 0.1
+SURE = 0.95  # the probability that a name, or a group of them, must have
 STARTS = (0.0, -2.0, 1.5, -3.0)
 NONE, UNKNOWN = "none", "unknown"
 
@@ -73,8 +74,8 @@ def fit_candidates(
     return found
 
 
-def imitation(problem: Problem, true: Fit, rival: Candidate) -> float:
-    """lambda_ij: whitened chi^2 that is left of `true`'s prediction when `rival` is fitted to it without noise."""
+def imitate(problem: Problem, true: Fit, rival: Candidate) -> Fit:
+    """`rival` fitted to what `true` predicts, without noise; its chi^2 is lambda_ij."""
     prediction = problem.predictor.predicted(true.kinds, true.vector[None])[0]
     noiseless = Problem(problem.predictor, prediction, problem.noise)
     fits = [noiseless.fit(rival.kinds, rival.fit.vector)]
@@ -82,10 +83,10 @@ def imitation(problem: Problem, true: Fit, rival: Candidate) -> float:
     shared = len(problem.predictor.free)
     start[:shared] = true.vector[:shared]
     fits.append(noiseless.fit(rival.kinds, start))
-    return min(float(f.residual @ f.residual + 0.0) for f in fits)
+    return min(fits, key=lambda fit: fit.chi2)
 
 
 def separation(problem: Problem, first: Candidate, second: Candidate) -> float:
     """lambda_ij in the noise that the first leaves, the smaller way round."""
-    both = (imitation(problem, first.fit, second), imitation(problem, second.fit, first))
-    return min(both) / first.fit.scale2
+    both = (imitate(problem, first.fit, second), imitate(problem, second.fit, first))
+    return min(fit.chi2 for fit in both) / first.fit.scale2

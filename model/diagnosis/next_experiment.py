@@ -1,58 +1,37 @@
 """What to measure next: the few settings at which the leading models differ most, beside what stays unknown.
 
-Box and Hill's and Hunter and Reiner's discrimination: |mu_i - mu_j|^2/(noise^2 + variance of the predictions), weighed
-by the models' probabilities; here for sets of settings in one new session, whose unknown gain all of them share.
+Friction at one setting each, in one new session; `model.diagnosis.design` chooses.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations, product
+from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cholesky
 
 from model.conditions import UNDRIVEN_HZ
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
-from model.diagnosis.fit import STEP, Problem
-from model.diagnosis.naming import NONE, Candidate, separation, words
+from model.diagnosis.design import Pool, design, leading
+from model.diagnosis.fit import Problem
+from model.diagnosis.naming import Candidate, separation, words
 from model.diagnosis.noise import SESSION_GAIN_STD
 from model.diagnosis.space import Predictor
 from model.diagnosis.verdict import ALIKE
 from model.diagnosis.where import Disagreement
 from model.diagnosis.witness import FRICTION, WITNESSES
-from model.diagnosis.workflow import Diagnosis, Findings
+from model.diagnosis.workflow import Diagnosis
 from model.support.arrays import Array
 
 AGAINST = {witness.against for witness in WITNESSES if witness.against}
 REPEATS = 5  # readings at each proposed setting
-MODELS = 4  # that take part
 MOST_LEVELS = 4  # of voltage, load, speed and time
 PRESENT_LEVELS = 12  # of frequency that a data set may add to the 1-2-5 steps
 STEPS_HZ = (*(m * 10.0**e for e in range(6) for m in (1, 2, 5)), 1e6)
-LEAST_WEIGHT = 1e-3  # of a pair, beside the weightiest: improbable rivals still deserve a test
-
-
-@dataclass(frozen=True)
-class _Outlook:
-    """A model's prediction of log friction at all settings [s], and the directions [s, k] in which it is uncertain."""
-
-    probability: float
-    mean: Array
-    spread: Array
-
-
-@dataclass(frozen=True)
-class _Pair:
-    """Two models: how they differ at all settings [s], what hides it [s, k], and what the pair weighs."""
-
-    weight: float
-    difference: Array
-    spread: Array
 
 
 def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: int = 6) -> list[dict[str, Any]]:
@@ -69,7 +48,7 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: 
         return []
     if diagnosis.name == "unexplained":
         return _repeats(diagnosis.data, findings.before, most)
-    leaders = _leaders(findings)
+    leaders = leading(findings)
     if len(leaders) < 2:
         return []
     problem, enough = findings.problem, findings.weighed.apart
@@ -86,18 +65,16 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: 
     if not friction.any():  # settings are of friction
         return _checks((first, second), common)
     settings = _settings(diagnosis.data.subset(friction), [c for c, _ in leaders])
-    outlooks, usable = _outlooks(problem.predictor, settings, leaders)
-    settings = settings.subset(usable)
-    noise = float(np.median(problem.noise.own_std[friction])) * float(np.sqrt(findings.verdict.chosen.fit.scale2))
-    picked, gains = _greedy(_pairs(outlooks), noise, most if usable.any() else 0, enough)
-    if picked:
-        chosen = settings.subset(np.isin(np.arange(settings.count), picked))
+    pool = Pool(settings, np.arange(settings.count), np.ones(settings.count), REPEATS)
+    choices = design(diagnosis, pool, most, float(most)).choices
+    if choices:
+        chosen = settings.subset(np.array(sorted(choice.block for choice in choices)))
         common["lambda_after"] = separation(_extended(diagnosis.data, description, problem, chosen), first, second)
     if common["lambda_after"] < ALIKE:
         return [] if diagnosis.name == "no_discrepancy" else _checks((first, second), common)
     return [
-        {"kind": "setting", **_setting(settings, index), "repeats": REPEATS, "separation": gain, **common}
-        for index, gain in zip(picked, gains, strict=True)
+        {"kind": "setting", **_setting(settings, choice.block), "repeats": REPEATS, "separation": choice.gain, **common}
+        for choice in choices
     ]
 
 
@@ -122,16 +99,6 @@ def _repeats(data: Measurements, scan: Disagreement, most: int) -> list[dict[str
             }
         )
     return found
-
-
-def _leaders(findings: Findings) -> list[tuple[Candidate, float]]:
-    """The models to tell apart with their probabilities: the chosen, what it is confused with, then the likeliest."""
-    verdict, weighed = findings.verdict, findings.weighed
-    alike = {name for names in verdict.group.values() for name in names}
-    fitted = [c for c in (weighed.base, *weighed.singles) if c.kinds != verdict.chosen.kinds]
-    fitted.sort(key=lambda c: (c.name not in alike, -verdict.probabilities[c.name]))
-    own = [verdict.probabilities[kind.name] for kind in verdict.chosen.kinds] or [verdict.probabilities[NONE]]
-    return [(verdict.chosen, sum(own)), *((c, verdict.probabilities[c.name]) for c in fitted[: MODELS - 1])]
 
 
 def _settings(data: Measurements, leaders: Sequence[Candidate]) -> Measurements:
@@ -168,71 +135,6 @@ def _levels(values: Array) -> list[float]:
 def _beyond(levels: list[float], factor: float) -> list[float]:
     """The levels and one more on either side."""
     return [float(f"{levels[0] / factor:.2g}"), *levels, float(f"{levels[-1] * factor:.2g}")]
-
-
-def _outlooks(
-    fitted: Predictor, settings: Measurements, leaders: Sequence[tuple[Candidate, float]]
-) -> tuple[list[_Outlook], NDArray[np.bool_]]:
-    """What every model predicts; and a mask of the settings that all of them can predict."""
-    predictor = Predictor(fitted.description, settings, fitted.free)
-    usable = np.ones(settings.count, bool)
-    found = []
-    for candidate, probability in leaders:
-        vector = candidate.fit.vector
-        logs = predictor.predicted(candidate.kinds, np.vstack([vector, vector + STEP * np.eye(vector.size)]))
-        usable &= np.all(np.isfinite(logs), axis=0)
-        slope = (logs[1:] - logs[0]).T / STEP
-        root = np.linalg.cholesky(candidate.fit.covariance + 1e-12 * np.eye(vector.size))
-        found.append(_Outlook(probability, logs[0], slope @ root))
-    return [replace(o, mean=o.mean[usable], spread=o.spread[usable]) for o in found], usable
-
-
-def _pairs(outlooks: Sequence[_Outlook]) -> list[_Pair]:
-    """Every two models, weighed by the product of their probabilities; the two leading ones come first."""
-    weights = [a.probability * b.probability for a, b in combinations(outlooks, 2)]
-    weights[0] = max(weights)
-    floor = LEAST_WEIGHT * weights[0] or 1.0
-    return [
-        _Pair(
-            max(weight, floor),
-            a.mean - b.mean,
-            np.concatenate([np.full((a.mean.size, 1), SESSION_GAIN_STD), a.spread, b.spread], axis=1),
-        )
-        for weight, (a, b) in zip(weights, combinations(outlooks, 2), strict=True)
-    ]
-
-
-def _greedy(pairs: Sequence[_Pair], noise: float, most: int, enough: float) -> tuple[list[int], list[float]]:
-    """Indices of the settings, and what each adds to the leading pair's separation given those before it.
-
-    A pair that the settings so far tell apart, by `enough`, counts no more.
-    """
-    total = np.zeros(len(pairs))
-    picked: list[int] = []
-    gains: list[float] = []
-    for _ in range(most):
-        each = np.array([_gains(pair, noise, picked) for pair in pairs])
-        wanted = np.array([pair.weight for pair in pairs])[:, None] * np.minimum(each, enough - total[:, None])
-        best = int(np.argmax(wanted.sum(axis=0)))
-        picked.append(best)
-        gains.append(float(each[0, best]))
-        total = np.minimum(total + each[:, best], enough)
-        if total[0] >= enough:
-            break
-    return picked, gains
-
-
-def _gains(pair: _Pair, noise: float, picked: Sequence[int]) -> Array:
-    """Squared difference at every setting [s], in standard deviations, that the picked settings do not foretell."""
-    rows = list(picked)
-    own = noise**2 / REPEATS
-    variance = own + np.sum(pair.spread**2, axis=1)
-    known = pair.spread[rows]
-    inner = known @ known.T + own * np.eye(len(rows))
-    weights = np.linalg.solve(inner, known @ pair.spread.T)
-    left = pair.difference - weights.T @ pair.difference[rows]
-    remaining = variance - np.sum(weights * (known @ pair.spread.T), axis=0)
-    return np.asarray(left**2 / np.maximum(remaining, own))
 
 
 def _extended(data: Measurements, description: ModelDescription, problem: Problem, chosen: Measurements) -> Problem:

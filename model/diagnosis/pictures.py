@@ -11,10 +11,9 @@ from scipy.linalg import solve_triangular
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.naming import NONE, UNKNOWN, Candidate, words
+from model.diagnosis.naming import NONE, SURE, UNKNOWN, Candidate, words
 from model.diagnosis.noise import gain_std
 from model.diagnosis.rival import LOG_INPUTS
-from model.diagnosis.several import SURE
 from model.diagnosis.spectrum import spectrum
 from model.diagnosis.where import Region
 from model.diagnosis.witness import FRICTION, WITNESSES

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import logsumexp
 
-from model.diagnosis.fit import Problem
-from model.diagnosis.naming import STARTS, Candidate, fit_candidates
+from model.diagnosis.fit import Fit, Problem
+from model.diagnosis.naming import STARTS, SURE, Candidate, fit_candidates
 from model.effects import Effect
 from model.support.arrays import Array
 
@@ -17,7 +17,6 @@ Kinds = tuple[type[Effect], ...]
 MOST = 3  # effects at once
 FITTED = 6  # of those beside others: the most promising
 ANOTHER = float(np.log(0.05))  # log prior of one more effect
-SURE = 0.95
 
 
 @dataclass
@@ -29,6 +28,7 @@ class Search:
     singles: list[Candidate]
     progress: Callable[[str], None]
     _fitted: dict[frozenset[type[Effect]], Candidate] = field(default_factory=dict)
+    _promising: dict[frozenset[type[Effect]], list[type[Effect]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Single effects are fitted already."""
@@ -72,21 +72,28 @@ class Search:
         """Those effects with each other one beside them that has a chance."""
         others = [c.kinds[0] for c in self.singles if c.kinds[0] not in kinds]
         if kinds:
-            scores = {other: self._score(kinds, other) for other in others}
-            likely = sorted(others, key=lambda other: -scores[other])[:FITTED]
+            likely = self._likely(kinds, others)
             others = [o for o in others if o in likely or frozenset((*kinds, o)) in self._fitted]
         return [self._fit((*kinds, other)) for other in others]
 
-    def _score(self, kinds: Kinds, other: type[Effect]) -> float:
-        """How much of what those effects leave has the shape of another's signature, in chi^2, at the best strength.
+    def _likely(self, kinds: Kinds, others: list[type[Effect]]) -> list[type[Effect]]:
+        """The effects whose signatures, at their best strength, have the shape of what those in `kinds` leave.
 
         What their own parameters could take up does not count.
         """
-        fit = self._fit(kinds).fit
+        key = frozenset(kinds)
+        if key not in self._promising:
+            fit = self._fit(kinds).fit
+            own, _ = np.linalg.qr(fit.jacobian)
+            scores = {other: self._score(fit, own, other) for other in others}
+            self._promising[key] = sorted(others, key=lambda other: -scores[other])[:FITTED]
+        return self._promising[key]
+
+    def _score(self, fit: Fit, own: Array, other: type[Effect]) -> float:
+        """How much of a fit's residual one more effect explains, in chi^2, apart from the directions `own` [n, k]."""
         vectors = np.zeros((len(STARTS), fit.vector.size + len(other.parameters())))
         vectors[:, : fit.vector.size], vectors[:, fit.vector.size] = fit.vector, STARTS
-        own, _ = np.linalg.qr(fit.jacobian)
-        signatures = fit.residual - self.problem.whitened((*kinds, other), vectors)
+        signatures = fit.residual - self.problem.whitened((*fit.kinds, other), vectors)
         signatures -= signatures @ own @ own.T
         along = np.maximum(signatures @ fit.residual, 0.0)
         return float(np.max(along**2 / np.maximum(np.sum(signatures**2, axis=1), 1e-12)))

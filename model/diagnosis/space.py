@@ -128,9 +128,9 @@ class Predictor:
     def predicted(self, kinds: Sequence[type[Effect]], vectors: Array) -> Array:
         """As observed [m, n], for parameter vectors [m, k]: nuisances first, then each effect's parameters in order."""
         parameters, effects = self.decode(kinds, vectors)
-        on = [self.data.with_effect(kind.name) for kind in kinds]
-        if all(mask.all() for mask in on):
+        if not (kinds and self.data.has_effects_off):
             return self._solve(parameters, effects, len(vectors))
+        on = [self.data.with_effect(kind.name) for kind in kinds]
         predicted = np.empty((len(vectors), self._row.size))
         for switched in np.unique(np.array(on), axis=1).T:  # which effects are on together, in some observations
             here = np.all(np.array(on) == switched[:, None], axis=0)

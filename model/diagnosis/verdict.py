@@ -10,9 +10,9 @@ from scipy.special import logsumexp
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Problem
-from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN, Candidate, separation
+from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, SURE, UNKNOWN, Candidate, separation
 from model.diagnosis.rival import discrepancy_mean
-from model.diagnosis.several import ANOTHER, SURE, Search
+from model.diagnosis.several import ANOTHER, Search
 from model.diagnosis.where import Disagreement
 from model.support.arrays import Array
 

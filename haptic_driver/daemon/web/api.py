@@ -25,6 +25,7 @@ from haptic_driver.config import Checked
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import LEASE_HEADER, ErrorReport, Since
 from haptic_driver.daemon.verbs import COMMANDS, VIEWS, Empty, Verb
+from haptic_driver.daemon.web.connections import OFF_THREADS
 from haptic_driver.daemon.web.frames import state_frame
 from haptic_driver.daemon.web.security import BodyLimit, refusal
 from haptic_driver.errors import BadInputError, HapticError
@@ -33,7 +34,6 @@ from model.support.errors import nearest
 FRAME_PERIOD_S = 0.05
 FRAME_SAMPLES = 1000
 EVENT_PERIOD_S = 0.05
-OFF_THREADS = 8  # for switching off alone: it never waits for a thread that another request holds
 PAGE = "/page"
 
 LeaseToken = Annotated[str, Header(alias=LEASE_HEADER, description="The token that `/arm` gave.")]

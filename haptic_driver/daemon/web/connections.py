@@ -16,7 +16,7 @@ from haptic_driver.errors import HapticError
 MOST_CONNECTIONS = 64  # at once, per listener
 RESERVED = 64  # more, where there is an OFF lane: for OFF alone
 HEADERS_TIMEOUT_S = 2.0
-OFF_THREADS = 8
+OFF_THREADS = 8  # for switching off alone: it never waits for a thread that another request holds
 
 _FULL = refusal(503, HapticError("busy", f"{MOST_CONNECTIONS} connections are open", "close some; OFF is still heard"))
 _SAID = {200: "OK", 409: "Conflict", 500: "Internal Server Error", 503: "Service Unavailable"}

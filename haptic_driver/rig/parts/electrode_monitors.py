@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, FiniteFloat, model_validator
@@ -12,13 +13,11 @@ if TYPE_CHECKING:
     from hw.impedance.e4980a import E4980A
     from hw.monitor.lines import SampledMonitor, Sampling
     from hw.oscilloscope.infiniivision import InfiniiVision
-
-
-INFINIIVISION_MODELS = r"[DM]SO-?X ?\d{4}[A-Z]*"  # the second field of *IDN?
+    from hw.transport.contract import Transport
 
 
 class SomeElectrodeMonitor(PartSection):
-    """What every kind says: which carriers it tells. Where the card decides, `highest_hz` is 0.
+    """What every kind says: which carriers it tells.
 
     `drives`: it puts its own voltage on the electrode, in place of generator and amplifier, up to `highest_v`.
     """
@@ -30,15 +29,9 @@ class SomeElectrodeMonitor(PartSection):
         """The highest peak that it puts on the electrode itself."""
         return 0.0
 
-    @property
-    def highest_hz(self) -> float:
-        """The highest carrier."""
-        return 0.0
-
-    @property
-    def lowest_hz(self) -> float:
-        """The lowest carrier."""
-        return 0.0
+    def range_hz(self, card_hz: tuple[float, float]) -> tuple[float, float]:
+        """The lowest and the highest carrier; `card_hz` are those of the rig's card."""
+        raise NotImplementedError
 
 
 class SimulatedElectrodeMonitorConfig(SomeElectrodeMonitor):
@@ -51,17 +44,11 @@ class SimulatedElectrodeMonitorConfig(SomeElectrodeMonitor):
     range_v: Positive = 10.0
     resolution_v: Positive = 20.0 / 2**16
 
-    @property
-    def highest_hz(self) -> float:
-        """What does not alias."""
+    def range_hz(self, card_hz: tuple[float, float]) -> tuple[float, float]:
+        """One period in the buffer; what does not alias."""
         from hw.analog.demodulation import highest_carrier_hz
 
-        return highest_carrier_hz(self.sample_rate_hz)
-
-    @property
-    def lowest_hz(self) -> float:
-        """One period in the buffer."""
-        return 1.0 / self.buffer_s
+        return 1.0 / self.buffer_s, highest_carrier_hz(self.sample_rate_hz)
 
     def sampling(self) -> Sampling:
         """The same, as the driver takes it."""
@@ -88,6 +75,10 @@ class CardElectrodeMonitorConfig(SomeElectrodeMonitor):
         """The reference; the monitors are the amplifier's."""
         return [self.reference] if self.reference else []
 
+    def range_hz(self, card_hz: tuple[float, float]) -> tuple[float, float]:
+        """The card's."""
+        return card_hz
+
 
 def make_card(section: CardElectrodeMonitorConfig, wiring: Wiring) -> Part[SampledMonitor]:
     """Two or three columns of the card."""
@@ -102,29 +93,45 @@ def make_card(section: CardElectrodeMonitorConfig, wiring: Wiring) -> Part[Sampl
     return Part(SampledMonitor(inputs.columns(channels), lines, sampling))
 
 
-class InfiniiVisionConfig(SomeElectrodeMonitor):
-    """A Keysight InfiniiVision oscilloscope on the monitor lines; the generator's Sync triggers it at EXT."""
+class InstrumentMonitor(SomeElectrodeMonitor):
+    """An instrument of its own, which says who it is."""
 
-    identity: ClassVar[str] = INFINIIVISION_MODELS
-
-    kind: Literal["infiniivision"]
     resource: Resource
     visa_backend: str = "@py"
+    lowest_frequency_hz: Positive
+    highest_frequency_hz: Positive
+    reply_timeout_s: Seconds
+
+    def range_hz(self, card_hz: tuple[float, float]) -> tuple[float, float]:
+        """As the file says."""
+        return self.lowest_frequency_hz, self.highest_frequency_hz
+
+    def transport(self) -> Transport:
+        """The way to it, closed."""
+        from hw.transport.resource import make_transport
+
+        return make_transport(self.resource, visa_backend=self.visa_backend)
+
+    def identity(self) -> re.Pattern[str]:
+        """What it calls itself, in the second field of its answer to *IDN?."""
+        raise NotImplementedError
+
+
+class InfiniiVisionConfig(InstrumentMonitor):
+    """A Keysight InfiniiVision oscilloscope on the monitor lines; the generator's Sync triggers it at EXT."""
+
+    kind: Literal["infiniivision"]
     voltage_channel: Annotated[int, Field(ge=1, le=4)] = 1
     current_channel: Annotated[int, Field(ge=1, le=4)] = 2
     lowest_frequency_hz: Positive = 100.0
     highest_frequency_hz: Positive = 2e6
     reply_timeout_s: Seconds = 2.0
 
-    @property
-    def highest_hz(self) -> float:
-        """As the file says."""
-        return self.highest_frequency_hz
+    def identity(self) -> re.Pattern[str]:
+        """See `InstrumentMonitor`."""
+        from hw.oscilloscope.infiniivision import MODEL
 
-    @property
-    def lowest_hz(self) -> float:
-        """As the file says."""
-        return self.lowest_frequency_hz
+        return MODEL
 
     @model_validator(mode="after")
     def _apart(self) -> InfiniiVisionConfig:
@@ -136,29 +143,25 @@ class InfiniiVisionConfig(SomeElectrodeMonitor):
 def make_infiniivision(section: InfiniiVisionConfig, wiring: Wiring) -> Part[InfiniiVision]:
     """See `hw.oscilloscope.infiniivision`."""
     from hw.oscilloscope.infiniivision import InfiniiVision, Oscilloscope
-    from hw.transport.resource import make_transport
 
     assert wiring.monitor_lines is not None
     wired = Oscilloscope(
-        section.voltage_channel, section.current_channel, section.lowest_hz, section.highest_hz, section.reply_timeout_s
-    )
-    transport = make_transport(section.resource, visa_backend=section.visa_backend)
-    scope = InfiniiVision(transport, wired, wiring.monitor_lines)
+        section.voltage_channel, section.current_channel, section.lowest_frequency_hz, section.highest_frequency_hz,
+        section.reply_timeout_s,
+    )  # fmt: skip
+    scope = InfiniiVision(section.transport(), wired, wiring.monitor_lines)
     return Part(scope, [scope.open], [scope.close])
 
 
-class E4980AConfig(SomeElectrodeMonitor):
+class E4980AConfig(InstrumentMonitor):
     """A Keysight E4980A or E4980AL, wired to the electrode in place of the amplifier while it sweeps.
 
     `voltage_limit_v` is the highest peak that it may put on the electrode, `accuracy` its share of an impedance.
     """
 
     drives: ClassVar[bool] = True
-    identity: ClassVar[str] = "E4980AL?"
 
     kind: Literal["e4980a"]
-    resource: Resource
-    visa_backend: str = "@py"
     voltage_limit_v: Annotated[FiniteFloat, Field(gt=0.0, le=28.3)] = 2.8
     lowest_frequency_hz: Positive = 20.0
     highest_frequency_hz: Positive = 2e6
@@ -170,26 +173,22 @@ class E4980AConfig(SomeElectrodeMonitor):
         """As the file says."""
         return self.voltage_limit_v
 
-    @property
-    def highest_hz(self) -> float:
-        """As the file says."""
-        return self.highest_frequency_hz
+    def identity(self) -> re.Pattern[str]:
+        """See `InstrumentMonitor`."""
+        from hw.impedance.e4980a import MODEL
 
-    @property
-    def lowest_hz(self) -> float:
-        """As the file says."""
-        return self.lowest_frequency_hz
+        return MODEL
 
 
 def make_e4980a(section: E4980AConfig, wiring: Wiring) -> Part[E4980A]:
     """See `hw.impedance.e4980a`."""
     from hw.impedance.e4980a import E4980A, LcrMeter
-    from hw.transport.resource import make_transport
 
     allowed = LcrMeter(
-        section.voltage_limit_v, section.lowest_hz, section.highest_hz, section.accuracy, section.reply_timeout_s
-    )
-    meter = E4980A(make_transport(section.resource, visa_backend=section.visa_backend), allowed)
+        section.voltage_limit_v, section.lowest_frequency_hz, section.highest_frequency_hz, section.accuracy,
+        section.reply_timeout_s,
+    )  # fmt: skip
+    meter = E4980A(section.transport(), allowed)
     return Part(meter, [meter.open], [meter.close])
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import datetime
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from haptic_driver.experiments.data_file import COLUMNS
+from haptic_driver.experiments.data_file import COLUMNS, meta_path
 from haptic_driver.experiments.spectra import kramers_kronig_residual, mark_spectra, passes
 
 F = np.geomspace(10.0, 1e6, 21)
@@ -82,6 +83,7 @@ def written(path: Path, spectra: dict[str, np.ndarray], rows: int = 21) -> Path:
             }  # fmt: skip
             lines.append([str(said.get(column, "")) for column in COLUMNS])
     path.write_text("\n".join(map(",".join, [COLUMNS, *lines])) + "\n")
+    meta_path(path).write_text("{}")
     return path
 
 
@@ -105,6 +107,7 @@ def test_rows_are_marked_and_nothing_else_changes(tmp_path: Path) -> None:
     assert stray.capacitance_f == pytest.approx(300e-12, rel=1e-9)
     assert stray.std_f == pytest.approx(300e-12 * np.sqrt(2) * 1e-3 / np.sqrt(21), rel=1e-6)
     assert stray.measured_at == "2026-03-01"
+    assert json.loads(meta_path(path).read_text())["stray_capacitance"] == stray._asdict()
 
 
 def test_too_few_rows_to_tell_are_left_unmarked_and_no_open_circuit_is_no_calibration(tmp_path: Path) -> None:

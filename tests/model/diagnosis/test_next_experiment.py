@@ -13,6 +13,7 @@ from model.conditions import Conditions
 from model.description import read_model
 from model.diagnosis import next_experiment as design
 from model.diagnosis.data import Array, Measurements
+from model.diagnosis.design import leading
 from model.diagnosis.fit import Problem
 from model.diagnosis.next_experiment import next_experiments
 from model.diagnosis.noise import noise_of
@@ -93,7 +94,7 @@ def test_measuring_the_proposals_tells_which(separable: tuple[Diagnosis, list[di
 def test_proposals_beat_settings_taken_at_random(separable: tuple[Diagnosis, list[dict[str, Any]]]) -> None:
     found, proposed = separable
     assert found.findings is not None
-    (first, _), (second, _) = design._leaders(found.findings)[:2]
+    (first, _), (second, _) = leading(found.findings)[:2]
     allowed = design._settings(found.data, [first, second])
     rng, reached = np.random.default_rng(0), []
     for _ in range(12):
