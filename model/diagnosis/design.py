@@ -21,6 +21,7 @@ from model.diagnosis.fit import STEP
 from model.diagnosis.naming import Candidate, imitate
 from model.diagnosis.noise import gain_std
 from model.diagnosis.space import Predictor
+from model.diagnosis.verdict import APART
 from model.diagnosis.witness import WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
 from model.support.arrays import Array
@@ -122,7 +123,7 @@ def design(diagnosis: Diagnosis, pool: Pool, most: int, most_s: float) -> Design
         return Design((), {})
     leaders = leading(findings)
     pairs = _pairs(findings, leaders, pool, _own_std(findings, diagnosis.data, pool.observations))
-    enough = findings.weighed.apart
+    enough = APART
     left, left_s = set(range(pool.cost_s.size)), most_s
     choices: list[Choice] = []
     while len(choices) < most:

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
 
 from model.diagnosis.noise import Noise
+from model.diagnosis.smooth import discrepancy_terms, smooth_terms
 from model.diagnosis.space import FARTHEST, Predictor
 from model.effects import Effect
 from model.support.arrays import Array
@@ -51,6 +53,16 @@ class Problem:
         self.predictor = predictor
         self.observed = observed
         self.noise = noise
+
+    @cached_property
+    def discrepancy(self) -> list[Array]:
+        """Terms of a discrepancy of unknown shape, as `discrepancy_terms` gives them; all together come last."""
+        return discrepancy_terms(self.predictor.data, self.noise)
+
+    @cached_property
+    def smooth(self) -> Array:
+        """Smooth functions of each input, as `smooth_terms` gives them."""
+        return smooth_terms(self.predictor.data)
 
     def whitened(self, kinds: Sequence[type[Effect]], vectors: Array) -> Array:
         """Whitened residuals [m, n] of parameter vectors [m, k]; unsolvable rows are far off, never NaN."""

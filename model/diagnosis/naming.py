@@ -10,7 +10,8 @@ import numpy as np
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.rival import Evidence, evidence
+from model.diagnosis.form import form_terms
+from model.diagnosis.rival import Evidence, evidence, evidence_beside
 from model.effects import CATALOGUE, Effect
 from model.support.arrays import Array
 
@@ -29,11 +30,15 @@ def words(name: str) -> str:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One model, fitted: its own evidence, and with a discrepancy of unknown shape beside it."""
+    """One model, fitted: its own evidence, and with a discrepancy of unknown shape beside it.
+
+    `bent` [n, m]: what its form may be off, whitened, as far as the data ask for it.
+    """
 
     kinds: tuple[type[Effect], ...]
     fit: Fit
     alone: Evidence
+    bent: Array
     _beside: Callable[[], Evidence]
 
     @cached_property
@@ -47,10 +52,13 @@ class Candidate:
         return "+".join(kind.name for kind in self.kinds) or NONE
 
 
-def candidate(problem: Problem, discrepancy: list[Array], kinds: tuple[type[Effect], ...], fit: Fit) -> Candidate:
+def candidate(problem: Problem, kinds: tuple[type[Effect], ...], fit: Fit) -> Candidate:
     """Weigh one fitted model."""
     noise = problem.noise
-    return Candidate(kinds, fit, evidence(fit, noise), lambda: evidence(fit, noise, discrepancy))
+    form = form_terms(problem, fit)
+    alone = evidence(fit, noise, form)
+    bent = alone.bend * form
+    return Candidate(kinds, fit, alone, bent, lambda: evidence_beside(fit, noise, problem.discrepancy, bent))
 
 
 def testable_effects(data: Measurements, switched_on: Sequence[Effect]) -> list[type[Effect]]:
@@ -61,7 +69,6 @@ def testable_effects(data: Measurements, switched_on: Sequence[Effect]) -> list[
 
 def fit_candidates(
     problem: Problem,
-    discrepancy: list[Array],
     base: Fit,
     kinds: Sequence[tuple[type[Effect], ...]],
     progress: Callable[[str], None],
@@ -70,7 +77,7 @@ def fit_candidates(
     found = []
     for kind in kinds:
         progress("+".join(k.name for k in kind) or NONE)
-        found.append(candidate(problem, discrepancy, kind, problem.best_fit(kind, base.vector, STARTS)))
+        found.append(candidate(problem, kind, problem.best_fit(kind, base.vector, STARTS)))
     return found
 
 

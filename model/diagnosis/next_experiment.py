@@ -21,7 +21,7 @@ from model.diagnosis.fit import Problem
 from model.diagnosis.naming import Candidate, separation, words
 from model.diagnosis.noise import SESSION_GAIN_STD
 from model.diagnosis.space import Predictor
-from model.diagnosis.verdict import ALIKE
+from model.diagnosis.verdict import ALIKE, APART
 from model.diagnosis.where import Disagreement
 from model.diagnosis.witness import FRICTION, WITNESSES
 from model.diagnosis.workflow import Diagnosis
@@ -51,7 +51,7 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: 
     leaders = leading(findings)
     if len(leaders) < 2:
         return []
-    problem, enough = findings.problem, findings.weighed.apart
+    problem, enough = findings.problem, APART
     friction = diagnosis.data.of(FRICTION)
     first, second = leaders[0][0], leaders[1][0]
     now = separation(problem, first, second)

@@ -13,7 +13,7 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.naming import NONE, SURE, UNKNOWN, Candidate, words
 from model.diagnosis.noise import gain_std
-from model.diagnosis.rival import LOG_INPUTS
+from model.diagnosis.smooth import LOG_INPUTS
 from model.diagnosis.spectrum import spectrum
 from model.diagnosis.where import Region
 from model.diagnosis.witness import FRICTION, WITNESSES

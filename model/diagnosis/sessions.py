@@ -12,7 +12,8 @@ from scipy.stats import f as f_distribution
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit
 from model.diagnosis.noise import Noise
-from model.diagnosis.rival import AMPLITUDES, log_marginal
+from model.diagnosis.rival import log_marginal
+from model.diagnosis.smooth import AMPLITUDES
 from model.support.arrays import Array, Mask
 
 UNLIKE_P = 1e-4

@@ -24,7 +24,6 @@ class Search:
     """Looks for the set of effects with the most evidence; every set is fitted once."""
 
     problem: Problem
-    discrepancy: list[Array]
     singles: list[Candidate]
     progress: Callable[[str], None]
     _fitted: dict[frozenset[type[Effect]], Candidate] = field(default_factory=dict)
@@ -52,13 +51,10 @@ class Search:
             return np.inf
         return min(self._adds(chosen, i) for i in range(len(chosen.kinds))) + ANOTHER
 
-    def places(self, chosen: Candidate, i: int, trust: Callable[[float], float]) -> dict[str, float]:
-        """The fewest effects that hold SURE of what may stand in the i-th place, most probable first, and their shares.
-
-        `trust`: what a nat counts where the effect explains so many.
-        """
+    def places(self, chosen: Candidate, i: int) -> dict[str, float]:
+        """Shares of the fewest effects that hold SURE of what may stand in the i-th place, the most probable first."""
         rivals = sorted(self._beside(_without(chosen.kinds, i)), key=_evidence, reverse=True)
-        logs = trust(max(self._adds(chosen, i), 0.0)) * np.array([_evidence(c) for c in rivals])
+        logs = np.array([_evidence(c) for c in rivals])
         shares = np.exp(logs - logsumexp(logs))
         rest = set(_without(chosen.kinds, i))
         names = [kind.name for c in rivals for kind in c.kinds if kind not in rest]
@@ -103,7 +99,7 @@ class Search:
         if key not in self._fitted:
             self.progress("+".join(kind.name for kind in kinds))
             start = self._fit(kinds[:-1]).fit
-            self._fitted[key] = fit_candidates(self.problem, self.discrepancy, start, [kinds], lambda _: None)[0]
+            self._fitted[key] = fit_candidates(self.problem, start, [kinds], lambda _: None)[0]
         return self._fitted[key]
 
 

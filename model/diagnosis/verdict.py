@@ -8,32 +8,27 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Problem
 from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, SURE, UNKNOWN, Candidate, separation
 from model.diagnosis.rival import discrepancy_mean
 from model.diagnosis.several import ANOTHER, Search
 from model.diagnosis.where import Disagreement
-from model.support.arrays import Array
 
 NOTHING = 0.90
 APART = 25.0  # lambda_ij from which two effects count as told apart
-ALIKE = 9.0  # and below which they are one group
-DISCREPANCY_WINS = 3.0  # Bayes factor of effect + discrepancy against the effect alone
+ALIKE = 9.0  # below which more of the same would hardly tell them apart
+TOGETHER = 4.0  # and below which they are named together, whatever one data set says
+DISCREPANCY_WINS = 1.0 / PRIOR_UNKNOWN  # Bayes factor from which one beside the effect is the more probable
 LACK_OF_FIT = 5e-4  # pilot sets: clear effects of another form reach 0.001, strangers that only this test sees none
 NEAR_NATS = 12.0  # rivals farther behind in evidence are refuted by these very data
 NAME_REMAINDER = 0.18  # of the effect's own signature: what may be left beside a name,
 LIST_REMAINDER = 0.37  # and beside a list; pilot sets: strangers that effects half explain leave 0.2 and 0.38 up
-# No finger or device has quite the catalogue's form, so evidence between effects counts little more than half, and less
-# the more there is of it: a form that is a tenth off spoils a hundredth of the gain. Something unknown that looks the
-# same keeps a share of what effects explain, a larger one where more may remain. Pilot sets: so weighed, stated
-# probabilities are kept to within chance; unweighed, names that were given 0.99 were right in 85 %.
-FORM_TRUST = 0.6
-FORM_ERROR = 0.02
-MIMICS = 0.03
-MIMICS_OF_ROUGH = 0.25
+PRIOR_EFFECTS = 1.0 - PRIOR_NONE - PRIOR_UNKNOWN
+MIMICS = PRIOR_UNKNOWN / PRIOR_EFFECTS  # of an effect's prior: something unknown that looks like it, but for its form
+PARTICULAR = 0.25  # of a nat, what each nat beyond a discrepancy of any shape says against a look-alike; pilot sets
 ANOTHER_NATS = 3.0  # that one more effect must be worth, its prior counted
 SEVERAL_CERTAIN = 0.98
+MOST_NAMED = 2  # effects at once: of sets of three there are a thousand
 MOST_ALIKE = 3  # effects that may stand in one place: where more could, several effects are no explanation
 LEADERS = 6
 USUAL = 2.58  # prior standard deviations that hold 99 %
@@ -87,43 +82,21 @@ class Weighed:
         return max(self.singles, key=lambda c: c.alone.log_evidence)
 
     @property
-    def trust(self) -> float:
-        """What a nat of evidence between two effects counts."""
-        return trust(max(self.winner.alone.log_evidence - self.base.alone.log_evidence, 0.0))
-
-    @property
-    def apart(self) -> float:
-        """lambda_ij that on average makes the better of two effects as probable as a name must be; at least APART."""
-        return max(APART, 2.0 * float(np.log(SURE / (1.0 - SURE))) / self.trust)
-
-    def probabilities(self, remainder: float) -> dict[str, float]:
+    def probabilities(self) -> dict[str, float]:
         """Posterior of none, unknown and every effect of the catalogue, summing to 1, the largest first.
 
-        `remainder`: size of what may remain beside the winner, as a share of what it explains. A large one makes the
-        winner with a discrepancy beside it one more form of the unknown.
+        Unknown is a discrepancy of any shape: beside the base model; beside the winner, where it wins there; and one
+        that looks like an effect of a form far off, which is the less likely the more the effect says in particular.
         """
-        each = np.log((1.0 - PRIOR_NONE - PRIOR_UNKNOWN) / (len(self.singles) + len(self.untestable)))
+        each = np.log(PRIOR_EFFECTS / (len(self.singles) + len(self.untestable)))
         base, winner = self.base, self.winner
-        evidences = np.array([c.alone.log_evidence for c in self.singles])
-        together = each + logsumexp(evidences)
-        shares = self.trust * evidences
-        shares -= logsumexp(shares)
-        mimics = np.log(MIMICS if remainder <= NAME_REMAINDER else MIMICS_OF_ROUGH)
-        if remainder > LIST_REMAINDER:
-            mimics += max(winner.beside_discrepancy.log_evidence - winner.alone.log_evidence, 0.0)
-        unknown = np.log(PRIOR_UNKNOWN) + base.beside_discrepancy.log_evidence
-        logs = {
-            NONE: np.log(PRIOR_NONE) + base.alone.log_evidence,
-            UNKNOWN: float(np.logaddexp(unknown, mimics + together)),
-        }
-        logs |= {c.name: float(together + share) for c, share in zip(self.singles, shares, strict=True)}
-        logs |= {name: float(each + base.alone.log_evidence) for name in self.untestable}
-        return _normalised(logs)
-
-
-def trust(gain: float) -> float:
-    """What a nat of evidence between two effects counts where the better one explains `gain` nats."""
-    return FORM_TRUST / (1.0 + FORM_ERROR * gain)
+        logs = {c.name: float(each + c.alone.log_evidence) for c in self.singles}
+        unknown = [np.log(PRIOR_UNKNOWN) + base.beside_discrepancy.log_evidence]
+        unknown += [np.log(MIMICS) + each + mimic(c, base) for c in self.singles]
+        if beside_wins(winner):
+            unknown.append(np.log(PRIOR_UNKNOWN) + each + winner.beside_discrepancy.log_evidence)
+        logs |= {NONE: float(np.log(PRIOR_NONE) + base.alone.log_evidence), UNKNOWN: float(logsumexp(unknown))}
+        return _normalised(logs | {name: float(each + base.alone.log_evidence) for name in self.untestable})
 
 
 def _normalised(logs: dict[str, float]) -> dict[str, float]:
@@ -133,8 +106,28 @@ def _normalised(logs: dict[str, float]) -> dict[str, float]:
 
 def adequate(candidate: Candidate, lack_of_fit_p: float) -> bool:
     """Whether nothing of unknown shape needs to stand beside the model."""
+    return not beside_wins(candidate) and lack_of_fit_p >= LACK_OF_FIT
+
+
+def beside_wins(candidate: Candidate) -> bool:
+    """Whether the data ask for a discrepancy of unknown shape beside the model."""
     factor = candidate.beside_discrepancy.log_evidence - candidate.alone.log_evidence
-    return factor <= np.log(DISCREPANCY_WINS) and lack_of_fit_p >= LACK_OF_FIT
+    return bool(factor > np.log(DISCREPANCY_WINS))
+
+
+def mimic(candidate: Candidate, base: Candidate) -> float:
+    """log evidence of something unknown that looks like a model's effects, but for a form far off.
+
+    What a discrepancy of any shape explains nearly as well could be anything; what it does not is the effects' own.
+    """
+    rough = candidate.alone.rough
+    return float(rough - PARTICULAR * max(rough - base.beside_discrepancy.log_evidence, 0.0))
+
+
+def of_its_form(candidate: Candidate, base: Candidate) -> bool:
+    """Whether effects explain the data by their own form, rather than something unknown that looks like them."""
+    odds = candidate.alone.log_evidence - mimic(candidate, base) - np.log(MIMICS)
+    return bool(odds >= np.log(SURE / (1.0 - SURE)))
 
 
 def confusion(problem: Problem, winner: Candidate, rivals: list[Candidate]) -> dict[str, float]:
@@ -145,9 +138,7 @@ def confusion(problem: Problem, winner: Candidate, rivals: list[Candidate]) -> d
 
 
 def decide(
-    data: Measurements,
     problem: Problem,
-    discrepancy: list[Array],
     weighed: Weighed,
     base_scan: Disagreement,
     scan: Callable[[Candidate], Disagreement],
@@ -155,20 +146,20 @@ def decide(
 ) -> Verdict:
     """Weigh what was fitted; fits second effects where one is not enough."""
     winner, base = weighed.winner, weighed.base
-    remainder = _remainder(data, discrepancy, winner, base)
-    probabilities = weighed.probabilities(remainder)
+    remainder = _remainder(problem, winner, base)
+    probabilities = weighed.probabilities
     if probabilities[NONE] >= NOTHING and not base_scan.alarm and adequate(base, base_scan.lack_of_fit_p):
         return Verdict("no_discrepancy", True, base, probabilities, {}, ("no effect is worth its parameters",))
 
     alike = confusion(problem, winner, weighed.singles)
-    group = [name for name, value in alike.items() if value < APART]
+    group = [name for name, value in alike.items() if value < TOGETHER]
     one_fits = adequate(winner, scan(winner).lack_of_fit_p)
-    search = Search(problem, discrepancy, weighed.singles, progress)
+    search = Search(problem, weighed.singles, progress)
     several = _several(search, weighed, one_fits, scan)
-    if several is not None:
-        places = [search.places(several, i, trust) for i in range(len(several.kinds))]
+    if several is not None and of_its_form(several, base):
+        places = [search.places(several, i) for i in range(len(several.kinds))]
         if max(len(place) for place in places) <= MOST_ALIKE:
-            return _name_several(several, places, probabilities, _remainder(data, discrepancy, several, base))
+            return _name_several(several, places, probabilities)
     if one_fits:
         return _name_one(weighed, winner, group, probabilities, remainder)
 
@@ -203,12 +194,8 @@ def _name_one(
     members = dict.fromkeys([winner.name, *group, *_credible(_shares(effects))])
     rivals = [name for name in members if name != winner.name]
     reason = "these data cannot tell the group's members apart" if certain else "no candidate is certain; ranked"
-    if not rivals and _unusual(winner):
-        reason = f"{winner.name} would have to be stronger than 99 % of what is expected of it"
-    elif not rivals and remainder > NAME_REMAINDER:
-        reason = f"what {winner.name} may leave is {remainder:.0%} of its signature"
-    elif not rivals and probabilities[winner.name] >= SURE:
-        reason = "probability and separation are high"
+    if not rivals and probabilities[winner.name] >= SURE:
+        reason = "probability and separation are high" + _how_unusual(winner)
         return Verdict("effect_found", True, winner, probabilities, {winner.name: []}, (reason,))
     return Verdict("ambiguous", True, winner, probabilities, {winner.name: rivals}, (reason,))
 
@@ -220,15 +207,17 @@ def _shares(probabilities: dict[str, float]) -> dict[str, float]:
     return {name: value / total for name, value in ordered}
 
 
-def _unusual(winner: Candidate) -> bool:
-    """Whether some parameter of the effect lies outside the central 99 % of its prior, but for a weak effect.
+def _how_unusual(found: Candidate) -> str:
+    """What to say where some effect lies outside the central 99 % of its prior, but for a weak effect.
 
-    Where a parameter switches the effect off at an end, it may come as near to that as the data can see.
+    Its evidence has paid for that already. Where a parameter switches the effect off at an end, it may come as near to
+    that as the data can see.
     """
-    known = [p for kind in winner.kinds for p in kind.parameters()]
-    x = winner.fit.vector[-len(known) :]
+    known = [p for kind in found.kinds for p in kind.parameters()]
+    x = found.fit.vector[-len(known) :]
     weak = [np.inf if p.off == np.inf else -np.inf if p.scale == "log" and p.off == 0.0 else 0.0 for p in known]
-    return bool(np.any((np.abs(x) > USUAL) & (np.sign(x) != np.sign(weak))))
+    unusual = bool(np.any((np.abs(x) > USUAL) & (np.sign(x) != np.sign(weak))))
+    return ", though stronger than 99 % of what is expected" if unusual else ""
 
 
 def _several(
@@ -245,7 +234,7 @@ def _several(
             return None
         if one_fits:
             gain = more.alone.log_evidence - chosen.alone.log_evidence
-            return more if weighed.trust * gain + ANOTHER > ANOTHER_NATS else None
+            return more if gain + ANOTHER > ANOTHER_NATS else None
         added = len(more.kinds) - len(chosen.kinds)
         if more.alone.log_evidence + added * ANOTHER - chosen.beside_discrepancy.log_evidence <= ANOTHER_NATS:
             return None
@@ -273,22 +262,21 @@ def _credible(probabilities: dict[str, float]) -> list[str]:
     return effects[: enough[0] + 1] if enough.size else []
 
 
-def _remainder(data: Measurements, discrepancy: list[Array], winner: Candidate, base: Candidate) -> float:
+def _remainder(problem: Problem, winner: Candidate, base: Candidate) -> float:
     """Size of what only the discrepancy beside the winner explains, as a share of what the winner does.
 
     In the witness where that is most: each adds directions in which the discrepancy follows the noise. Both whitened;
     directions in which the winner's own parameters move the prediction do not count.
     """
-    left = discrepancy_mean(winner.fit, winner.beside_discrepancy, discrepancy)
+    left = discrepancy_mean(winner.fit, winner.beside_discrepancy, problem.discrepancy)
+    data = problem.predictor.data
     own, _ = np.linalg.qr(winner.fit.jacobian)
     left = left - own @ (own.T @ left)
     explained = max(base.fit.chi2 - winner.fit.chi2, 1e-9)
     return float(np.sqrt(max(np.sum(left[data.of(w)] ** 2) for w in data.witnesses) / explained))
 
 
-def _name_several(
-    found: Candidate, places: list[dict[str, float]], probabilities: dict[str, float], remainder: float
-) -> Verdict:
+def _name_several(found: Candidate, places: list[dict[str, float]], probabilities: dict[str, float]) -> Verdict:
     """Each effect by its own name, with what may stand in its place."""
     names = [kind.name for kind in found.kinds]
     shares = dict.fromkeys(probabilities, 0.0)
@@ -300,11 +288,11 @@ def _name_several(
     updated = _shares({name: share or left * probabilities[name] for name, share in shares.items()})
     group = {name: [other for other in place if other != name] for name, place in zip(names, places, strict=True)}
     count = {2: "two", 3: "three"}[len(names)]
-    verdict, reason = "ambiguous", f"{count} effects fit, which may leave {remainder:.0%} of their signature"
-    if _unusual(found):
-        reason = f"{count} effects fit, one of which would have to be stronger than 99 % of what is expected of it"
+    verdict = "ambiguous"
+    if len(names) > MOST_NAMED:
+        reason = f"{count} effects fit, but so many imitate much that is in no catalogue"
     elif any(group.values()):
         reason = f"{count} effects are needed; these data cannot tell the members of a group apart"
-    elif remainder <= NAME_REMAINDER:
-        verdict, reason = "effect_found", f"{count} effects are needed"
+    else:
+        verdict, reason = "effect_found", f"{count} effects are needed{_how_unusual(found)}"
     return Verdict(verdict, True, found, updated, group, (reason,))

@@ -13,7 +13,7 @@ from scipy.stats import norm
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit
 from model.diagnosis.noise import Noise, rows_in_order
-from model.diagnosis.rival import INPUTS, standardised
+from model.diagnosis.smooth import INPUTS, standardised
 from model.diagnosis.witness import FRICTION
 from model.support.arrays import Array, Mask
 
@@ -68,14 +68,15 @@ class Disagreement:
         return [region for region in self.regions if region.p_value < ALARM]
 
 
-def disagreement(data: Measurements, noise: Noise, fit: Fit, seed: int) -> Disagreement:
-    """Scan the residuals of `fit`."""
+def disagreement(data: Measurements, noise: Noise, fit: Fit, bent: Array, seed: int) -> Disagreement:
+    """Scan the residuals of `fit`; what its form may be off by, `bent` [n, m], is no lack of fit."""
     residual = fit.residual / np.sqrt(fit.scale2)
     tangent = qr(fit.jacobian, mode="economic")[0]
     boxes = _boxes(data)
     regions = _scan(data, noise, residual, tangent, boxes, fit, np.random.default_rng(seed)) if boxes else ()
     correlation, order_p = neighbour_correlation(data, residual)
-    return Disagreement(tuple(regions), _lack_of_fit(data, noise, residual, tangent), order_p, correlation)
+    lack_of_fit_p = _lack_of_fit(data, noise, residual, tangent, bent / np.sqrt(fit.scale2))
+    return Disagreement(tuple(regions), lack_of_fit_p, order_p, correlation)
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,7 @@ def _scan(
     return regions
 
 
-def _lack_of_fit(data: Measurements, noise: Noise, residual: Array, tangent: Array) -> float:
+def _lack_of_fit(data: Measurements, noise: Noise, residual: Array, tangent: Array, bent: Array) -> float:
     """p of a smooth (quadratic) pattern in the inputs that the model's own parameters cannot make."""
     columns = []
     for witness in data.witnesses:
@@ -186,7 +187,9 @@ def _lack_of_fit(data: Measurements, noise: Noise, residual: Array, tangent: Arr
     basis -= tangent @ (tangent.T @ basis)
     left, singular, _ = np.linalg.svd(basis, full_matrices=False)
     left = left[:, singular > 1e-6 * singular[0]]
-    return float(chi2_distribution.sf(np.sum((left.T @ residual) ** 2), left.shape[1]))
+    along, off = left.T @ residual, left.T @ bent
+    square = along @ np.linalg.solve(np.eye(len(along)) + off @ off.T, along)
+    return float(chi2_distribution.sf(square, len(along)))
 
 
 def neighbour_correlation(data: Measurements, residual: Array) -> tuple[float, float]:

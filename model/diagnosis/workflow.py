@@ -14,7 +14,7 @@ from model.diagnosis.fit import Problem
 from model.diagnosis.naming import Candidate, candidate, fit_candidates, testable_effects
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.proof import Proof, prove
-from model.diagnosis.rival import features, left_beside
+from model.diagnosis.rival import left_beside
 from model.diagnosis.sessions import inflation, names, split_sessions, unlike_sessions
 from model.diagnosis.space import STRAY, Nuisance, Predictor, nuisances
 from model.diagnosis.verdict import Verdict, Weighed, decide
@@ -75,16 +75,16 @@ def diagnose(
     setting = _base(description, data, noise, warnings)
     untestable = [kind.name for kind in CATALOGUE if kind not in kinds]
     setting, singles = _fit_singles(description, setting, kinds, warnings, progress)
-    data, problem, discrepancy, base = setting
+    data, problem, base = setting
     noise = problem.noise
     warnings += noise.warnings
-    before = disagreement(data, noise, base.fit, seed)
+    before = disagreement(data, noise, base.fit, base.bent, seed)
     weighed = Weighed(base, singles, untestable)
 
     def scan(found: Candidate) -> Disagreement:
-        return disagreement(data, noise, found.fit, seed)
+        return disagreement(data, noise, found.fit, found.bent, seed)
 
-    verdict = decide(data, problem, discrepancy, weighed, before, scan, progress)
+    verdict = decide(problem, weighed, before, scan, progress)
     leaders = sorted(singles, key=lambda c: -c.alone.log_evidence)[:LEADERS]
     scale = verdict.chosen.beside_discrepancy.scale
     proof = prove(description, data, noise, verdict.chosen, leaders, scale, seed, progress)
@@ -110,19 +110,17 @@ class _Setting(NamedTuple):
 
     data: Measurements
     problem: Problem
-    discrepancy: list[Array]
     base: Candidate
 
 
 def _setting(description: ModelDescription, data: Measurements, noise: Noise, start: Array) -> _Setting:
     problem = Problem(Predictor(description, data), data.observed, noise)
-    discrepancy = features(data, noise)
-    return _Setting(data, problem, discrepancy, candidate(problem, discrepancy, (), problem.fit((), start)))
+    return _Setting(data, problem, candidate(problem, (), problem.fit((), start)))
 
 
 def _left(setting: _Setting) -> Array:
     """Whitened residuals [n] of the most flexible model: the base beside a discrepancy of unknown shape."""
-    return left_beside(setting.base.fit, setting.base.beside_discrepancy, setting.discrepancy)
+    return left_beside(setting.base.fit, setting.base.beside_discrepancy, setting.problem.discrepancy)
 
 
 def _fit_singles(
@@ -135,14 +133,14 @@ def _fit_singles(
     """Every effect alone; where sessions are unlike, also on in some of them only, whichever the data prefer."""
 
     def fitted(s: _Setting) -> list[Candidate]:
-        return fit_candidates(s.problem, s.discrepancy, s.base.fit, [(kind,) for kind in kinds], progress)
+        return fit_candidates(s.problem, s.base.fit, [(kind,) for kind in kinds], progress)
 
     def weight(s: _Setting, fits: list[Candidate]) -> float:
         return max(c.alone.log_evidence for c in fits) - s.problem.noise.log_determinant
 
     data, noise = setting.data, setting.problem.noise
     chosen, why = setting, ""
-    split = split_sessions(data, noise, setting.base.fit, setting.discrepancy[-1])
+    split = split_sessions(data, noise, setting.base.fit, setting.problem.discrepancy[-1])
     if unlike := unlike_sessions(data, _left(setting)):
         noisier = noise_of(data, noise.correlation, noise.inflation * inflation(data, unlike))
         assert noisier is not None

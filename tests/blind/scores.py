@@ -6,6 +6,8 @@ import math
 import random
 from typing import Any, NamedTuple
 
+NO_TRACE = 2.0  # lambda below which an effect costs more to describe than it explains
+
 
 class Answer(NamedTuple):
     """What one set got: the workflow's verdict, and the names that two baselines give."""
@@ -34,14 +36,17 @@ def wilson(hits: int, count: int) -> str:
 def reliability(answers: dict[str, Answer], labels: dict[str, Any]) -> list[tuple[float, float]]:
     """Probability of the most probable answer, and whether it was right (1.0 or 0.0), of every set with one truth.
 
-    Strangers are right as `unknown`.
+    Strangers are right as `unknown`, what leaves no trace in the columns of the file as `none`.
     """
     pairs = []
     for name, got in answers.items():
         effects = labels[name]["effects"]
         if len(effects) > 1 or got.verdict in ("error", "not_testable"):
             continue
-        truth = "none" if not effects else "unknown" if effects[0]["stranger"] else effects[0]["name"]
+        if not effects or effects[0]["lambda"] < NO_TRACE:
+            truth = "none"
+        else:
+            truth = "unknown" if effects[0]["stranger"] else effects[0]["name"]
         pairs.append((got.probability, float(got.top == truth)))
     return pairs
 

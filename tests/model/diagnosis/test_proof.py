@@ -14,7 +14,6 @@ from model.diagnosis.fit import Problem
 from model.diagnosis.naming import Candidate, candidate
 from model.diagnosis.noise import noise_of
 from model.diagnosis.proof import Proof, prove
-from model.diagnosis.rival import features
 from model.diagnosis.space import NUISANCES, Predictor
 from model.touch_model import TouchModel
 
@@ -41,7 +40,7 @@ def held_out(measured: Measurements, scale: float = 1.0) -> Proof:
     noise = noise_of(measured)
     assert noise is not None
     problem = Problem(Predictor(FINGER, measured), measured.observed, noise)
-    base: Candidate = candidate(problem, features(measured, noise), (), problem.fit((), np.zeros(len(NUISANCES))))
+    base: Candidate = candidate(problem, (), problem.fit((), np.zeros(len(NUISANCES))))
     return prove(FINGER, measured, noise, base, [], scale, 0, lambda _: None)
 
 

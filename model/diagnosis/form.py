@@ -1,0 +1,53 @@
+"""What a form may be off: no finger or device has quite the catalogue's.
+
+An effect's signature is what it adds to the prediction. Beside it stands a smooth share of that signature of unknown
+shape, for every witness its own: a Gaussian process over each input that varies, times the signature's size. It cannot
+add anything where the effect does nothing, which tells it from a discrepancy of unknown shape.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from model.diagnosis.data import Measurements
+from model.diagnosis.fit import Fit, Problem
+from model.diagnosis.smooth import compressed
+from model.diagnosis.witness import CURRENT, CURRENT_PHASE, VOLTAGE, VOLTAGE_PHASE
+from model.effects import Effect
+from model.support.arrays import Array
+
+COMPLEX = ((CURRENT, CURRENT_PHASE), (VOLTAGE, VOLTAGE_PHASE))  # of one number: what is off in either shows in both
+
+
+def form_terms(problem: Problem, fit: Fit) -> Array:
+    """What the forms of a fitted model's effects may be off, whitened [n, k], per unit of their signatures."""
+    parts = [problem.noise.whiten(size[:, None] * problem.smooth) for size in _sizes(problem, fit)]
+    return compressed(np.concatenate(parts, axis=1)) if parts else np.zeros((fit.residual.size, 0))
+
+
+def _sizes(problem: Problem, fit: Fit) -> list[Array]:
+    """Size [n] of each effect's signature; of a complex number where amount and phase are both seen."""
+    data, predictor = problem.predictor.data, problem.predictor
+    whole = predictor.predicted(fit.kinds, fit.vector[None])[0]
+    return [_size(data, predictor.less(whole, _without(problem, fit, i))) for i in range(len(fit.kinds))]
+
+
+def _without(problem: Problem, fit: Fit, i: int) -> Array:
+    """What would be predicted without the i-th effect [n]."""
+    counts = [len(kind.parameters()) for kind in fit.kinds]
+    first = len(problem.predictor.free) + sum(counts[:i])
+    kinds: tuple[type[Effect], ...] = (*fit.kinds[:i], *fit.kinds[i + 1 :])
+    vector = np.delete(fit.vector, slice(first, first + counts[i]))
+    return np.asarray(problem.predictor.predicted(kinds, vector[None])[0])
+
+
+def _size(data: Measurements, signature: Array) -> Array:
+    signature = np.nan_to_num(signature)
+    size = np.abs(signature)
+    if data.witness is None or data.row is None:
+        return size
+    for both in COMPLEX:
+        mine = np.isin(data.witness, both)
+        squares = np.bincount(data.row[mine], signature[mine] ** 2)
+        size[mine] = np.sqrt(squares[data.row[mine]])
+    return size
