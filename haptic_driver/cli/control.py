@@ -158,6 +158,8 @@ def show_status(status: Status) -> None:
         stdout.print(Text.assemble("  ", ("fault:", "bold red"), f" {status.fault}"))
     if status.recording is not None:
         stdout.print(f"  recording into {status.recording}")
+    if status.recording_fault is not None:
+        stdout.print(Text.assemble("  ", ("recording:", "bold red"), f" {status.recording_fault}"))
 
 
 def number(value: float | None, form: str) -> str:

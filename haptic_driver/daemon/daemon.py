@@ -80,7 +80,8 @@ class Daemon:
             thread.join()
         self.supervisor.end()
         output_on = self.supervisor.close()
-        self._recordings.end()
+        with suppress(HapticError):
+            self._recordings.stop()
         self.shared.close()
         return output_on
 
@@ -148,6 +149,7 @@ class Daemon:
                 latency_budget_s=settings.latency_budget_s,
                 surface_hash=settings.surface.content_hash,
                 recording=str(recording) if recording is not None else None,
+                recording_fault=self._recordings.fault,
             )
 
     def arm(self, lease_s: float) -> Lease:

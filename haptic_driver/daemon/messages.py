@@ -60,7 +60,8 @@ class Status(Checked):
     real_time: bool
     latency_budget_s: dict[str, float]
     surface_hash: str
-    recording: str | None
+    recording: str | None  # the file; None also while a recording waits for space
+    recording_fault: str | None  # why a part of the present recording is missing
 
 
 class Lease(Checked):

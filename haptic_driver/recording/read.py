@@ -8,7 +8,8 @@
 - attributes, all strings or floats (MATLAB's h5readatt fails on integers): `rig`, `model`, `simulated` (1 or 0),
   `surface_hash`, `calibration_ids` (JSON), `software_version`, `actuator`, `latency_budget_s` (JSON), `started_at`
   (UTC), `started_s` (CLOCK_MONOTONIC, as every time in a recording), `samples_lost` (overwritten before they were
-  read), and `complete`: 1 when the recorder has ended in good order, 0 while it records and after its crash.
+  read), and `complete`: 1 when the recorder has ended in good order, 0 while it records and after its crash or a full
+  disk; `why_incomplete` says which, and is empty where nothing is missing.
 """
 
 from __future__ import annotations
@@ -146,9 +147,15 @@ def _group(path: Path, file: h5py.File, name: str | None) -> h5py.Group:
 
 
 def _attributes(group: h5py.Group) -> dict[str, Any]:
-    found = {name: value if isinstance(value, str) else float(value) for name, value in group.attrs.items()}
+    found = {name: _attribute(value) for name, value in group.attrs.items()}
     parsed = {name: json.loads(str(found[name])) for name in ("calibration_ids", "latency_budget_s")}
     return found | parsed | {name: bool(found[name]) for name in ("simulated", "complete")}
+
+
+def _attribute(value: Any) -> str | float:
+    if isinstance(value, bytes):  # of a string of fixed length
+        return value.decode()
+    return value if isinstance(value, str) else float(value)
 
 
 def _events(group: h5py.Group) -> list[Event]:

@@ -81,6 +81,7 @@ class BenchControl:
                 latency_budget_s={"total": 0.01},
                 surface_hash="0" * 8,
                 recording=self.recording,
+                recording_fault=None,
             )
 
     def _change(self, name, *arguments):
