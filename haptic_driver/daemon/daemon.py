@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import DaemonState, Lease, RefusedError, Status
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.recordings import Recordings
@@ -48,7 +49,8 @@ class Daemon:
         self.shared = shared = SharedState()
         self.event_log = events = EventLog()
         self._orders = orders = Orders(settings, shared, events, clock)
-        self._targets = targets = Targets(shared, orders, events, clock, self._reachable)
+        self._loader = Loader()
+        self._targets = targets = Targets(shared, orders, events, clock, self._reachable, self._loader)
         self._recordings = Recordings(shared, events, lambda: self.settings, identified)
         self.supervisor = Supervisor(settings, shared, orders, events, clock)
         self._watched = Watched(shared, orders, targets, events, settings.render)
@@ -61,6 +63,7 @@ class Daemon:
         """Start everything; idle when it returns. Raises HapticError and DeviceError, with nothing left running."""
         try:
             self._orders.beat()
+            self._loader.start()
             self.supervisor.start()
             self._start_threads()
             self.supervisor.await_all()
@@ -79,6 +82,7 @@ class Daemon:
         for thread in self._threads:
             thread.join()
         self.supervisor.end()
+        self._loader.close()
         output_on = self.supervisor.close()
         with suppress(HapticError):
             self._recordings.stop()
@@ -97,7 +101,7 @@ class Daemon:
     @property
     def pids(self) -> dict[str, int]:
         """Process ids by name, for whoever supervises or tests."""
-        return self.supervisor.pids | self._recordings.pids
+        return self.supervisor.pids | self._recordings.pids | self._loader.pids
 
     def _start_threads(self) -> None:
         pump = self._orders.pump
@@ -206,7 +210,6 @@ class Daemon:
 
     def use_model(self, name: str) -> Status:
         """Solve its surface and let render begin anew with it."""
-        settings = self.settings.with_model(name)
         with self._recordings.lock, self._targets.choosing:
             with self._orders.lock:
                 state = self._orders.machine.state
@@ -215,7 +218,12 @@ class Daemon:
                 if self._recordings.path is not None:
                     raise RefusedError("recording", "a run keeps its surface", "stop the recording first")
                 self.supervisor.claim_render()
-                self.settings = settings
+            try:
+                settings = self.settings.with_model(name, self._loader.model(name))
+            except BaseException:
+                self.supervisor.release_render()
+                raise
+            self.settings = settings
             self.supervisor.render_anew(settings)
         self.event_log.tell("model", name, surface_hash=settings.surface.content_hash)
         return self.status()

@@ -116,11 +116,16 @@ class Supervisor:
                 self._look_at(self.instruments, now_s)
 
     def claim_render(self) -> None:
-        """Nobody can arm from here on, until `render_anew` has ended. Raises RefusedError."""
+        """Nobody can arm from here on, until `render_anew` or `release_render` has ended. Raises RefusedError."""
         with self._restarting:
             if self.missing:
                 raise RefusedError("not_ready", self.missing, "wait until it is back")
             self.missing = f"{RENDER}: being started again"
+
+    def release_render(self) -> None:
+        """Render stays as it is."""
+        with self._restarting:
+            self.missing = ""
 
     def render_anew(self, settings: DaemonSettings) -> None:
         """Start render again, with other settings; what fails there is tried again, as after its death, and raised."""

@@ -172,15 +172,20 @@ def record(writer: RunWriter, drain: Callable[[], Taken], wait: Callable[[], tup
 
 
 def checked_path(path: Path) -> Path:
-    """Where to record: absolute, ending in .h5 or .hdf5, and nothing there but a recording. BadInputError otherwise."""
+    """Where to record, with nothing there but a recording. BadInputError otherwise."""
+    resolved = where(path)
+    if resolved.exists():
+        run_names(resolved)  # reads it
+    return resolved
+
+
+def where(path: Path) -> Path:
+    """Where to record: absolute, ending in .h5 or .hdf5. BadInputError otherwise."""
     if path.suffix.lower() not in (".h5", ".hdf5"):
         raise BadInputError("bad_ending", f"{path}: a recording's name ends in .h5", "Give a name such as run.h5")
     if not path.is_absolute():
         raise BadInputError("relative_path", f"{path}: the daemon works in another folder", "Give an absolute path")
-    resolved = path.resolve()
-    if resolved.exists():
-        run_names(resolved)  # reads it
-    return resolved
+    return path.resolve()
 
 
 def hidden_copy(path: Path) -> Path:

@@ -139,6 +139,22 @@ def test_another_fingers_model_is_used_from_then_on(daemon, settings, tmp_path):
     assert not [event for event in daemon.events(began) if event.kind == "fault"]
 
 
+def test_nothing_is_read_for_who_may_not_ask_or_while_it_is_refused(daemon, monkeypatch):
+    """Clients without a lease once delayed OFF by 8.5 s; a model that was refused tripped the rig."""
+    monkeypatch.setattr(daemon._loader, "_ask", lambda *asked: pytest.fail(f"read {asked}"))
+    assert refusal(daemon.play, "guessed", "linen").code == "not_armed"
+    daemon.arm(2.0)
+    assert refusal(daemon.play, "guessed", "linen").code == "not_yours"
+    assert refusal(daemon.use_model, "reference").code == "not_idle"
+
+
+def test_a_model_that_is_refused_leaves_the_daemon_as_it_was(daemon, tmp_path):
+    (tmp_path / "finger.toml").write_text("a = " + "[" * 100_000)
+    with pytest.raises(BadInputError, match="not valid TOML"):
+        daemon.use_model(str(tmp_path / "finger.toml"))
+    assert daemon.arm(2.0).token
+
+
 def test_running_out_of_file_descriptors_is_survived(daemon):
     """What died is tried again until descriptors are there again, and the daemon says what is in the way."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

@@ -9,6 +9,7 @@ import pytest
 
 from haptic_driver.daemon import watchers
 from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
@@ -34,7 +35,7 @@ class Bench:
         self.orders = Orders(settings, shared, self.events, clock)
         rig = SimpleNamespace(state=RigState.OFF)
         self.orders.pump.actuator = SimpleNamespace(rig=rig, off=self._off)
-        self.targets = Targets(shared, self.orders, self.events, clock, lambda load_n: (0.5, 1.3))
+        self.targets = Targets(shared, self.orders, self.events, clock, lambda load_n: (0.5, 1.3), Loader())
         self.watched = Watched(shared, self.orders, self.targets, self.events, settings.render)
         self.orders.machine.connected()
 
