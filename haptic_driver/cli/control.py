@@ -154,6 +154,8 @@ def show_status(status: Status) -> None:
     stdout.print(f"  {number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak")
     missed = f"{status.overruns} overruns, {status.underruns} underruns"
     stdout.print(f"  {status.ticks} ticks, {missed}; flags: {', '.join(status.flags) or 'none'}")
+    if status.timing.last_cause is not None:
+        stdout.print(f"  {number(status.timing.in_time, '.0%')} of the last ticks in time; {status.timing.last_cause}")
     if status.fault is not None:
         stdout.print(Text.assemble("  ", ("fault:", "bold red"), f" {status.fault}"))
     if status.recording is not None:

@@ -25,6 +25,7 @@ from haptic_driver.daemon.recordings import Recordings
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.daemon.supervision import Supervisor
 from haptic_driver.daemon.targets import Targets
+from haptic_driver.daemon.timing import advice, timing_of
 from haptic_driver.daemon.watchers import WATCHERS, Watched
 from haptic_driver.daemon.web import drawings
 from haptic_driver.errors import HapticError, message_of
@@ -37,6 +38,7 @@ from haptic_driver.textures.library import texture_names
 
 WATCH_PERIOD_S = 0.02
 MEASURED_SAMPLES = 100
+TIMED_SAMPLES = 1000
 
 
 class Daemon:
@@ -53,7 +55,9 @@ class Daemon:
         self._targets = targets = Targets(shared, orders, events, clock, self._reachable, self._loader)
         self._recordings = Recordings(shared, events, lambda: self.settings, identified)
         self.supervisor = Supervisor(settings, shared, orders, events, clock)
-        self._watched = Watched(shared, orders, targets, events, settings.render)
+        self._watched = Watched(
+            shared, orders, targets, events, settings.render, lambda: advice(self.supervisor.real_time)
+        )
         self._ending = threading.Event()
         self._threads: list[threading.Thread] = []
 
@@ -144,6 +148,7 @@ class Daemon:
                 output_on=output_on,
                 ticks=output.tick,
                 overruns=output.overruns,
+                timing=timing_of(self.shared.ring.newest(TIMED_SAMPLES), settings.render.period_s),
                 underruns=orders.pump.underruns,
                 flags=orders.flags(output).names(),
                 fault=machine.fault_reason,

@@ -37,6 +37,20 @@ class DaemonState(StrEnum):
     FAULT = "fault"
 
 
+class Timing(Checked):
+    """How the newest ticks, a second of them, kept their time.
+
+    `in_time`: share of the newest 100 instants that had their tick within 2 ms; None before the first. `missed`:
+    instants without a tick. `lateness_counts` by bin, whose lower edges are beside it. `last_cause`: what was late.
+    """
+
+    in_time: float | None
+    missed: int
+    lateness_edges_s: list[float]
+    lateness_counts: list[int]
+    last_cause: str | None
+
+
 class Status(Checked):
     """`haptic status`; `output_on` is None where nobody knows."""
 
@@ -52,6 +66,7 @@ class Status(Checked):
     output_on: bool | None
     ticks: int
     overruns: int
+    timing: Timing
     underruns: int  # gaps, at zero, of an analog envelope
     flags: list[str]
     fault: str | None

@@ -11,11 +11,13 @@ from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.output_pump import OUTPUT_STALE_S
 from haptic_driver.daemon.render_process import RenderSettings
 from haptic_driver.daemon.targets import Targets
+from haptic_driver.daemon.timing import ENOUGH, RECENT_TICKS, timing_of
 from haptic_driver.processes.samples import Flag
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.render.texture import Script
 
 UNDERRUN_TOLD_S = 1.0  # at most so often: a machine that is too slow makes many
+TIMING_TOLD_S = 10.0  # the same
 DRIFT = 0.2  # a change of the finger's gain, relative, that is worth an event
 NO_FLAGS = Flag(0)
 
@@ -32,11 +34,13 @@ class Watched:
     targets: Targets
     events: EventLog
     render: RenderSettings
+    advice: Callable[[], str]
     arming: int = 0
     flags: Flag = NO_FLAGS
     gain: float = 1.0
     underruns: int = 0
     underrun_s: float = -inf
+    timing_s: float = -inf
     target: int = 0
     marked_s: float = -inf
 
@@ -78,6 +82,17 @@ def underruns(watched: Watched, now_s: float) -> None:
         watched.events.tell("flag", "underrun", underruns=count)
 
 
+def timing(watched: Watched, now_s: float) -> None:
+    """While there may be output, ticks that come too seldom in time: what was late, and what to do."""
+    if not watched.orders.rendering or now_s - watched.timing_s < TIMING_TOLD_S:
+        return
+    found = timing_of(watched.shared.ring.newest(RECENT_TICKS), watched.render.period_s)
+    if found.in_time is not None and found.in_time < ENOUGH:
+        watched.timing_s = now_s
+        said = f"{found.in_time:.0%} of the last {RECENT_TICKS} ticks in time; {found.last_cause}: {watched.advice()}"
+        watched.events.tell("timing", said, in_time=found.in_time)
+
+
 def script(watched: Watched, now_s: float) -> None:
     """Markers of a script, when they pass."""
     orders = watched.orders
@@ -101,4 +116,4 @@ def drift(watched: Watched, now_s: float) -> None:
         watched.events.tell("drift", f"the finger's gain is {gain:.2f}", gain=gain)
 
 
-WATCHERS: tuple[Callable[[Watched, float], None], ...] = (lease, render, underruns, script, drift)
+WATCHERS: tuple[Callable[[Watched, float], None], ...] = (lease, render, underruns, timing, script, drift)

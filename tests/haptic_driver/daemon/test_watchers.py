@@ -20,6 +20,7 @@ from haptic_driver.processes.shared_memory import NO_OUTPUT
 from haptic_driver.render.texture import Script, Step, Uniform
 from haptic_driver.rig.states import RigEvent, RigState
 from tests.clock import ManualClock
+from tests.haptic_driver.daemon.ticks import made_tick
 from tests.waiting import HANG_S, until
 
 LEASE_S = 0.5
@@ -36,7 +37,7 @@ class Bench:
         rig = SimpleNamespace(state=RigState.OFF)
         self.orders.pump.actuator = SimpleNamespace(rig=rig, off=self._off)
         self.targets = Targets(shared, self.orders, self.events, clock, lambda load_n: (0.5, 1.3), Loader())
-        self.watched = Watched(shared, self.orders, self.targets, self.events, settings.render)
+        self.watched = Watched(shared, self.orders, self.targets, self.events, settings.render, lambda: "do this")
         self.orders.machine.connected()
 
     def _off(self):
@@ -137,3 +138,21 @@ def test_markers_are_told_once_and_again_when_the_script_begins_anew(bench):
         bench.rendered()
         assert bench.watch() == [("marker", "begin")]
         assert bench.watch() == []
+
+
+def test_ticks_that_come_too_seldom_in_time_are_told_with_cause_and_remedy_and_take_nothing_away(bench):
+    """Statistics warn; consequences trip."""
+    token = bench.arm()
+    bench.orders.render(token, 0)
+    for tick in range(94):
+        bench.shared.ring.write(made_tick(tick))
+    bench.shared.ring.write(made_tick(99, lateness_s=0.0004))  # 5 of 100 missed: just enough
+    bench.rendered()
+    assert [event for event in bench.watch() if event[0] == "timing"] == []
+    bench.shared.ring.write(made_tick(100, lateness_s=0.0031))
+    bench.rendered()
+    (told,) = [event for event in bench.watch() if event[0] == "timing"]
+    assert told[1] == "94% of the last 100 ticks in time; tick 100: render was woken 3.1 ms late: do this"
+    bench.rendered()
+    assert [event for event in bench.watch() if event[0] == "timing"] == []
+    assert bench.orders.rendering
