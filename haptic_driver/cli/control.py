@@ -151,7 +151,7 @@ def show_status(status: Status) -> None:
     stdout.print(Text.assemble((status.state, "bold"), ", output ", on, rig, f"; model {status.model}"))
     asked = status.texture or ("nothing" if status.target_cof is None else f"friction {status.target_cof:.3g}")
     stdout.print(f"  asked {asked}; measured {number(status.measured_cof, '.3f')}")
-    stdout.print(f"  {number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak")
+    stdout.print(f"  commanded {number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak")
     missed = f"{status.overruns} overruns, {status.underruns} underruns"
     stdout.print(f"  {status.ticks} ticks, {missed}; flags: {', '.join(status.flags) or 'none'}")
     if status.timing.last_cause is not None:

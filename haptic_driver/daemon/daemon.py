@@ -144,7 +144,7 @@ class Daemon:
                 target_cof=targets.asked_cof(output) if rendering else None,
                 measured_cof=self._measured_cof(),
                 frequency_hz=output.frequency_hz if rendering and output_on else None,
-                voltage_v=output.voltage_v if rendering else 0.0,
+                voltage_v=0.0 if output_on is False else output.voltage_v if rendering else None,
                 output_on=output_on,
                 ticks=output.tick,
                 overruns=output.overruns,

@@ -52,7 +52,11 @@ class Timing(Checked):
 
 
 class Status(Checked):
-    """`haptic status`; `output_on` is None where nobody knows."""
+    """`haptic status`; `output_on` is None where nobody knows.
+
+    `frequency_hz` and `voltage_v` are commanded: 0 V where the output is off, None where there is no command and nobody
+    knows that it is.
+    """
 
     state: DaemonState
     simulated: bool

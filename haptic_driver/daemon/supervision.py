@@ -253,8 +253,10 @@ class Supervisor:
                 self._restart(name)
                 self._await_heard()
             except Exception as error:
-                self.missing = f"{name}: cannot be started again: {message_of(error)}"
-                _log.error("%s", self.missing)
+                said, before = f"{name}: cannot be started again: {message_of(error)}", self.missing
+                self.missing = said
+                if said != before:  # one thing once
+                    _log.error("%s", said)
                 self._ending.wait(pause_s)
                 pause_s = min(2.0 * pause_s, MOST_RETRY_S)
             else:

@@ -140,6 +140,39 @@ def test_markers_are_told_once_and_again_when_the_script_begins_anew(bench):
         assert bench.watch() == []
 
 
+def test_a_script_that_has_ended_leaves_the_state_rendering(bench):
+    """The page said RENDERING for ever after a script's last step."""
+    token = bench.arm()
+    script = Script((Step(0.0, Uniform(0.6), "hold", ""), Step(0.1, Uniform(0.6), "hold", "")))
+    bench.targets.target = script.started(bench.clock.now_s)
+    bench.orders.render(token, 1)
+    bench.rendered()
+    assert bench.watch(0.09) == []
+    assert bench.orders.rendering
+    with bench.targets.choosing:  # another target is on its way: it is not switched off
+        assert bench.watch(0.02) == []
+    assert bench.orders.rendering
+    bench.rendered()
+    assert bench.watch(0.02) == [("state", "the script has ended; the daemon is armed")]
+    assert bench.orders.machine.state is DaemonState.ARMED
+    assert bench.switched_off > 0
+    assert bench.watch(0.02) == []
+
+
+def test_a_gain_that_is_learnt_in_many_steps_is_told_once_in_five_seconds(bench):
+    token = bench.arm()
+    bench.orders.render(token, 1)
+    told = []
+    for tick in range(60):  # from 1 to 12.8 in 7.5 s
+        bench.shared.ring.write(made_tick(tick, in_contact=1, feedback_gain=1.0 + 0.2 * tick))
+        bench.orders.renew(token)
+        bench.rendered()
+        told += bench.watch(0.125)
+    assert [message for kind, message in told if kind == "drift"] == [
+        "the finger's gain is 1.40", "the finger's gain is 9.40"
+    ]  # fmt: skip
+
+
 def test_ticks_that_come_too_seldom_in_time_are_told_with_cause_and_remedy_and_take_nothing_away(bench):
     """Statistics warn; consequences trip."""
     token = bench.arm()
