@@ -6,7 +6,6 @@ An unknown key is an error that offers the nearest one. What a file may say stan
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
@@ -14,7 +13,8 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, RootModel, ValidationError
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import read_text
+from haptic_driver.files import bad_input
+from model.support import files
 from model.support.errors import did_you_mean, nearest
 
 Parsed = TypeVar("Parsed", bound=BaseModel)
@@ -161,7 +161,5 @@ def _members(annotation: Any) -> list[Any]:
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The content of a TOML file; BadInputError says what is wrong with it."""
-    try:
-        return tomllib.loads(read_text(path))
-    except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
-        raise BadInputError("bad_toml", f"{path}: {error}", "Correct the TOML syntax there") from error
+    with bad_input():
+        return files.read_toml(path)

@@ -13,16 +13,16 @@ from model.support import files
 from model.support.errors import ModelError
 
 
-def read_bytes(path: Path) -> bytes:
-    """The whole file."""
+def read_bytes(path: Path, most_bytes: int = files.LARGEST_FILE_BYTES) -> bytes:
+    """The whole file, which is a regular one."""
     with bad_input():
-        return files.read_bytes(path)
+        return files.read_bytes(path, most_bytes)
 
 
-def read_text(path: Path) -> str:
+def read_text(path: Path, most_bytes: int = files.LARGEST_TEXT_BYTES) -> str:
     """The whole file as UTF-8, with or without a byte order mark."""
     with bad_input():
-        return files.read_text(path)
+        return files.read_text(path, most_bytes)
 
 
 @contextmanager

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -15,7 +14,7 @@ from model.effects import BY_NAME, Effect
 from model.electric.dielectrics import Dielectric, PowerLaw, named, read_csv
 from model.parameters import FRICTION_LAWS, SPECIFICATION, FrictionLaw, Parameter, TouchParameters
 from model.support.errors import ModelError, nearest
-from model.support.files import read_text
+from model.support.files import read_toml
 
 VARIANTS = ("corrected", "published", "published_absolute")  # the last two: `published.py`
 Known = tuple[str, float, float]  # unit and range of a number
@@ -87,10 +86,7 @@ class ModelDescription:
 
 def read_model(path: Path) -> ModelDescription:
     """Read a model file; ModelError says which key of which file is wrong, and the nearest valid choice."""
-    try:
-        content = tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        raise ModelError(f"{path}: not valid TOML: {error}", "Compare with configs/models/reference.toml") from error
+    content = read_toml(path)
     keys = ["name", "about", "variant", "friction_law", "dielectric", "parameters", "effects", "origin"]
     _check_keys(content, keys, str(path))
     variant = content.get("variant", "corrected")

@@ -151,13 +151,17 @@ def show_status(status: Status) -> None:
     stdout.print(Text.assemble((status.state, "bold"), ", output ", on, rig, f"; model {status.model}"))
     asked = status.texture or ("nothing" if status.target_cof is None else f"friction {status.target_cof:.3g}")
     stdout.print(f"  asked {asked}; measured {number(status.measured_cof, '.3f')}")
-    stdout.print(f"  {number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak")
+    stdout.print(f"  commanded {number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak")
     missed = f"{status.overruns} overruns, {status.underruns} underruns"
     stdout.print(f"  {status.ticks} ticks, {missed}; flags: {', '.join(status.flags) or 'none'}")
+    if status.timing.last_cause is not None:
+        stdout.print(f"  {number(status.timing.in_time, '.0%')} of the last ticks in time; {status.timing.last_cause}")
     if status.fault is not None:
         stdout.print(Text.assemble("  ", ("fault:", "bold red"), f" {status.fault}"))
     if status.recording is not None:
         stdout.print(f"  recording into {status.recording}")
+    if status.recording_fault is not None:
+        stdout.print(Text.assemble("  ", ("recording:", "bold red"), f" {status.recording_fault}"))
 
 
 def number(value: float | None, form: str) -> str:

@@ -81,7 +81,7 @@ def picture(history: Sequence[StateFrame]) -> Table:
     table.add_row("target", f"{sparkline(target, low, high)} {number(target[-1], '.3f')}")
     table.add_row("measured", f"{sparkline(measured, low, high)} {number(measured[-1], '.3f')}")
     table.add_row("", f"friction from {low:g} to {high:g}")
-    table.add_row("drive", f"{number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak")
+    table.add_row("command", f"{number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak")
     late = "-" if ticks.lateness_max_s is None else f"{1e6 * ticks.lateness_max_s:.0f} us"
     table.add_row("ticks", f"{status.ticks}, {status.overruns} overruns, latest {late} late")
     table.add_row("flags", ", ".join(status.flags) or "none")

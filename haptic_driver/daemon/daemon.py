@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import DaemonState, Lease, RefusedError, Status
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.recordings import Recordings
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.daemon.supervision import Supervisor
 from haptic_driver.daemon.targets import Targets
+from haptic_driver.daemon.timing import advice, timing_of
 from haptic_driver.daemon.watchers import WATCHERS, Watched
 from haptic_driver.daemon.web import drawings
 from haptic_driver.errors import HapticError, message_of
@@ -36,6 +38,7 @@ from haptic_driver.textures.library import texture_names
 
 WATCH_PERIOD_S = 0.02
 MEASURED_SAMPLES = 100
+TIMED_SAMPLES = 1000
 
 
 class Daemon:
@@ -48,10 +51,13 @@ class Daemon:
         self.shared = shared = SharedState()
         self.event_log = events = EventLog()
         self._orders = orders = Orders(settings, shared, events, clock)
-        self._targets = targets = Targets(shared, orders, events, clock, self._reachable)
+        self._loader = Loader()
+        self._targets = targets = Targets(shared, orders, events, clock, self._reachable, self._loader)
         self._recordings = Recordings(shared, events, lambda: self.settings, identified)
         self.supervisor = Supervisor(settings, shared, orders, events, clock)
-        self._watched = Watched(shared, orders, targets, events, settings.render)
+        self._watched = Watched(
+            shared, orders, targets, events, settings.render, lambda: advice(self.supervisor.real_time)
+        )
         self._ending = threading.Event()
         self._threads: list[threading.Thread] = []
 
@@ -61,6 +67,7 @@ class Daemon:
         """Start everything; idle when it returns. Raises HapticError and DeviceError, with nothing left running."""
         try:
             self._orders.beat()
+            self._loader.start()
             self.supervisor.start()
             self._start_threads()
             self.supervisor.await_all()
@@ -79,8 +86,10 @@ class Daemon:
         for thread in self._threads:
             thread.join()
         self.supervisor.end()
+        self._loader.close()
         output_on = self.supervisor.close()
-        self._recordings.end()
+        with suppress(HapticError):
+            self._recordings.stop()
         self.shared.close()
         return output_on
 
@@ -96,7 +105,7 @@ class Daemon:
     @property
     def pids(self) -> dict[str, int]:
         """Process ids by name, for whoever supervises or tests."""
-        return self.supervisor.pids | self._recordings.pids
+        return self.supervisor.pids | self._recordings.pids | self._loader.pids
 
     def _start_threads(self) -> None:
         pump = self._orders.pump
@@ -135,10 +144,11 @@ class Daemon:
                 target_cof=targets.asked_cof(output) if rendering else None,
                 measured_cof=self._measured_cof(),
                 frequency_hz=output.frequency_hz if rendering and output_on else None,
-                voltage_v=output.voltage_v if rendering else 0.0,
+                voltage_v=0.0 if output_on is False else output.voltage_v if rendering else None,
                 output_on=output_on,
                 ticks=output.tick,
                 overruns=output.overruns,
+                timing=timing_of(self.shared.ring.newest(TIMED_SAMPLES), settings.render.period_s),
                 underruns=orders.pump.underruns,
                 flags=orders.flags(output).names(),
                 fault=machine.fault_reason,
@@ -148,6 +158,7 @@ class Daemon:
                 latency_budget_s=settings.latency_budget_s,
                 surface_hash=settings.surface.content_hash,
                 recording=str(recording) if recording is not None else None,
+                recording_fault=self._recordings.fault,
             )
 
     def arm(self, lease_s: float) -> Lease:
@@ -204,7 +215,6 @@ class Daemon:
 
     def use_model(self, name: str) -> Status:
         """Solve its surface and let render begin anew with it."""
-        settings = self.settings.with_model(name)
         with self._recordings.lock, self._targets.choosing:
             with self._orders.lock:
                 state = self._orders.machine.state
@@ -213,7 +223,12 @@ class Daemon:
                 if self._recordings.path is not None:
                     raise RefusedError("recording", "a run keeps its surface", "stop the recording first")
                 self.supervisor.claim_render()
-                self.settings = settings
+            try:
+                settings = self.settings.with_model(name, self._loader.model(name))
+            except BaseException:
+                self.supervisor.release_render()
+                raise
+            self.settings = settings
             self.supervisor.render_anew(settings)
         self.event_log.tell("model", name, surface_hash=settings.surface.content_hash)
         return self.status()

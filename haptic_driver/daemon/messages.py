@@ -37,8 +37,26 @@ class DaemonState(StrEnum):
     FAULT = "fault"
 
 
+class Timing(Checked):
+    """How the newest ticks, a second of them, kept their time.
+
+    `in_time`: share of the newest 100 instants that had their tick within 2 ms; None before the first. `missed`:
+    instants without a tick. `lateness_counts` by bin, whose lower edges are beside it. `last_cause`: what was late.
+    """
+
+    in_time: float | None
+    missed: int
+    lateness_edges_s: list[float]
+    lateness_counts: list[int]
+    last_cause: str | None
+
+
 class Status(Checked):
-    """`haptic status`; `output_on` is None where nobody knows."""
+    """`haptic status`; `output_on` is None where nobody knows.
+
+    `frequency_hz` and `voltage_v` are commanded: 0 V where the output is off, None where there is no command and nobody
+    knows that it is.
+    """
 
     state: DaemonState
     simulated: bool
@@ -52,6 +70,7 @@ class Status(Checked):
     output_on: bool | None
     ticks: int
     overruns: int
+    timing: Timing
     underruns: int  # gaps, at zero, of an analog envelope
     flags: list[str]
     fault: str | None
@@ -60,7 +79,8 @@ class Status(Checked):
     real_time: bool
     latency_budget_s: dict[str, float]
     surface_hash: str
-    recording: str | None
+    recording: str | None  # the file; None also while a recording waits for space
+    recording_fault: str | None  # why a part of the present recording is missing
 
 
 class Lease(Checked):

@@ -31,6 +31,7 @@ class Place:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._bound = path.with_name(f".{path.name}")  # a second name: the first may be deleted
         _private_folder(path.parent)
         try:
             flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW  # no link of somebody else's
@@ -53,10 +54,16 @@ class Place:
             self._release()
             raise
 
+    def keep(self) -> None:
+        """Make the socket's name again where somebody has deleted it. Raises OSError."""
+        with suppress(FileExistsError):
+            os.link(self._bound, self.path)
+
     def close(self) -> None:
         """Free the place."""
-        with suppress(OSError):
-            self.path.unlink()
+        for name in (self.path, self._bound):
+            with suppress(OSError):
+                name.unlink()
         self._release()
 
     def _release(self) -> None:
@@ -67,13 +74,15 @@ class Place:
         try:
             if self.path.exists() and not stat.S_ISSOCK(self.path.lstat().st_mode):
                 raise HapticError("not_a_socket", f"{self.path} exists and is no socket", "choose another --socket")
-            self.path.unlink(missing_ok=True)
+            for left in (self.path, self._bound):
+                left.unlink(missing_ok=True)
             before = os.umask(0o177)
             try:
-                self.listener.bind(str(self.path))
+                self.listener.bind(str(self._bound))
             finally:
                 os.umask(before)
             self.listener.listen(128)
+            self.keep()
         except OSError as error:
             raise _no_socket(self.path, error) from error
 

@@ -6,7 +6,7 @@ import logging
 import signal
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from haptic_driver.daemon.web.server import listen, serve
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import take_precedence
 
+KEEP_PERIOD_S = 1.0  # between looks at the socket's name
 PAGE_FOLDER = Path(__file__).parent / "web" / "dashboard"
 
 _log = logging.getLogger(__name__)
@@ -77,7 +78,9 @@ def _serve_until(
                 running.enter_context(feeding(outlets, daemon.shared.ring, daemon.events, failed))
             _log.info("ready at %s; processes %s", place.path, daemon.pids)
             announce(place.path, page)
-            ended.wait()
+            while not ended.wait(KEEP_PERIOD_S):
+                with suppress(OSError):
+                    place.keep()
             daemon.disarm()  # before anything that takes time
     finally:
         output_on = daemon.close()

@@ -14,6 +14,7 @@ from haptic_driver.simulation.lines import PANEL
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.file import SurfaceFile
 from haptic_driver.surface.models import load_model
+from model.description import ModelDescription
 
 PERIOD_S = 0.001
 
@@ -34,9 +35,9 @@ class DaemonSettings:
     allow_no_rt: bool = False
     amplifier_record: Path | None = None
 
-    def with_model(self, model: str) -> DaemonSettings:
+    def with_model(self, model: str, description: ModelDescription) -> DaemonSettings:
         """The same with another model's surface, which is solved. Raises BadInputError."""
-        surface = build_surface(load_model(model), self.config.operating_limits())
+        surface = build_surface(description, self.config.operating_limits())
         return replace(self, model=model, surface=surface, render=render_settings(self.config, surface))
 
     @property

@@ -116,11 +116,16 @@ class Supervisor:
                 self._look_at(self.instruments, now_s)
 
     def claim_render(self) -> None:
-        """Nobody can arm from here on, until `render_anew` has ended. Raises RefusedError."""
+        """Nobody can arm from here on, until `render_anew` or `release_render` has ended. Raises RefusedError."""
         with self._restarting:
             if self.missing:
                 raise RefusedError("not_ready", self.missing, "wait until it is back")
             self.missing = f"{RENDER}: being started again"
+
+    def release_render(self) -> None:
+        """Render stays as it is."""
+        with self._restarting:
+            self.missing = ""
 
     def render_anew(self, settings: DaemonSettings) -> None:
         """Start render again, with other settings; what fails there is tried again, as after its death, and raised."""
@@ -248,8 +253,10 @@ class Supervisor:
                 self._restart(name)
                 self._await_heard()
             except Exception as error:
-                self.missing = f"{name}: cannot be started again: {message_of(error)}"
-                _log.error("%s", self.missing)
+                said, before = f"{name}: cannot be started again: {message_of(error)}", self.missing
+                self.missing = said
+                if said != before:  # one thing once
+                    _log.error("%s", said)
                 self._ending.wait(pause_s)
                 pause_s = min(2.0 * pause_s, MOST_RETRY_S)
             else:

@@ -7,16 +7,14 @@ import threading
 import time
 from collections.abc import Callable
 
-from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.output_pump import PUMP_PERIOD_S
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.shared_memory import Output, SharedState
 from haptic_driver.render.texture import Script, Target, Uniform
-from haptic_driver.textures.library import load
-from haptic_driver.textures.reach import demand
 
 USUAL_FORCE_N = 0.5  # where no finger says how it presses
 FAR = 0.1  # so far beyond the reachable range, relative, a friction is a slip of the hand
@@ -32,7 +30,7 @@ class Targets:
 
     def __init__(
         self, shared: SharedState, orders: Orders, events: EventLog, clock: Callable[[], float],
-        reachable: Callable[[float], tuple[float, float]],
+        reachable: Callable[[float], tuple[float, float]], loader: Loader,
     ) -> None:  # fmt: skip
         self.choosing = threading.Lock()
         self.target: Target | None = None
@@ -42,6 +40,7 @@ class Targets:
         self._events = events
         self._clock = clock
         self._reachable = reachable
+        self._loader = loader
         reachable(USUAL_FORCE_N)  # compiled from here on
 
     def forget(self) -> None:
@@ -60,9 +59,8 @@ class Targets:
     def play(self, token: str, texture: str, *, nearest: bool) -> None:
         """A texture, or a script from its beginning. Raises BadInputError as `set` does, where most of it is far."""
         self._orders.renew(token)
-        target = load(texture, texture_dirs()).target
         load_n, (low, high) = self._reach()
-        asked = demand(target, ((1.0 - FAR) * low, (1.0 + FAR) * high))
+        target, asked = self._loader.texture(texture, ((1.0 - FAR) * low, (1.0 + FAR) * high))
         if not nearest and asked.share_below + asked.share_above > MOST_FAR:
             what = f"most of {texture}, {asked.cof_low:.3g} to {asked.cof_high:.3g}, is"
             raise _out_of_reach(what, load_n, low, high)

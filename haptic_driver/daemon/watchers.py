@@ -11,11 +11,14 @@ from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.output_pump import OUTPUT_STALE_S
 from haptic_driver.daemon.render_process import RenderSettings
 from haptic_driver.daemon.targets import Targets
+from haptic_driver.daemon.timing import ENOUGH, RECENT_TICKS, timing_of
 from haptic_driver.processes.samples import Flag
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.render.texture import Script
 
 UNDERRUN_TOLD_S = 1.0  # at most so often: a machine that is too slow makes many
+TIMING_TOLD_S = 10.0  # the same
+DRIFT_TOLD_S = 5.0  # the same: while it is learnt it moves many times
 DRIFT = 0.2  # a change of the finger's gain, relative, that is worth an event
 NO_FLAGS = Flag(0)
 
@@ -32,11 +35,14 @@ class Watched:
     targets: Targets
     events: EventLog
     render: RenderSettings
+    advice: Callable[[], str]
     arming: int = 0
     flags: Flag = NO_FLAGS
     gain: float = 1.0
+    drift_s: float = -inf
     underruns: int = 0
     underrun_s: float = -inf
+    timing_s: float = -inf
     target: int = 0
     marked_s: float = -inf
 
@@ -78,8 +84,19 @@ def underruns(watched: Watched, now_s: float) -> None:
         watched.events.tell("flag", "underrun", underruns=count)
 
 
+def timing(watched: Watched, now_s: float) -> None:
+    """While there may be output, ticks that come too seldom in time: what was late, and what to do."""
+    if not watched.orders.rendering or now_s - watched.timing_s < TIMING_TOLD_S:
+        return
+    found = timing_of(watched.shared.ring.newest(RECENT_TICKS), watched.render.period_s)
+    if found.in_time is not None and found.in_time < ENOUGH:
+        watched.timing_s = now_s
+        said = f"{found.in_time:.0%} of the last {RECENT_TICKS} ticks in time; {found.last_cause}: {watched.advice()}"
+        watched.events.tell("timing", said, in_time=found.in_time)
+
+
 def script(watched: Watched, now_s: float) -> None:
-    """Markers of a script, when they pass."""
+    """Markers of a script, when they pass; at its end the output goes off."""
     orders = watched.orders
     with orders.lock:
         rendering, target, number = orders.rendering, watched.targets.target, orders.order.target
@@ -88,17 +105,31 @@ def script(watched: Watched, now_s: float) -> None:
     if rendering and isinstance(target, Script):
         for marker in target.markers(since_s, now_s):
             watched.events.tell("marker", marker.label, due_s=marker.time_s)
+        if now_s >= target.end_s:
+            _end_script(watched, number)
+
+
+def _end_script(watched: Watched, number: int) -> None:
+    """Off and armed, unless somebody hands over another target just now."""
+    orders = watched.orders
+    if watched.targets.choosing.acquire(blocking=False):
+        try:
+            if orders.order.target == number:
+                orders.withdraw(orders.machine.off)
+                watched.events.tell("state", "the script has ended; the daemon is armed")
+        finally:
+            watched.targets.choosing.release()
 
 
 def drift(watched: Watched, now_s: float) -> None:
-    """The finger's estimated gain, each time that it is far from what was told last, or from 1 at arming."""
+    """The finger's estimated gain where it is far from what was told last, or from 1 at arming; at most every 5 s."""
     newest = watched.shared.ring.newest(1)
     if not watched.orders.rendering or not newest.size or not newest["in_contact"][-1]:
         return
     gain = float(newest["feedback_gain"][-1])
-    if abs(gain / watched.gain - 1.0) > DRIFT:
-        watched.gain = gain
+    if abs(gain / watched.gain - 1.0) > DRIFT and now_s - watched.drift_s >= DRIFT_TOLD_S:
+        watched.gain, watched.drift_s = gain, now_s
         watched.events.tell("drift", f"the finger's gain is {gain:.2f}", gain=gain)
 
 
-WATCHERS: tuple[Callable[[Watched, float], None], ...] = (lease, render, underruns, script, drift)
+WATCHERS: tuple[Callable[[Watched, float], None], ...] = (lease, render, underruns, timing, script, drift)

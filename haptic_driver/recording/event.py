@@ -14,6 +14,6 @@ class Event(Checked):
 
     number: int
     time_s: float
-    kind: str  # state | flag | target | texture | model | lease | trip | fault | marker | drift | recording | outlet
+    kind: str  # state | flag | target | texture | model | lease | trip | fault | marker | drift | timing | recording...
     message: str
     data: dict[str, Any] = Field({})

@@ -24,7 +24,7 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.shared_memory import SharedState, Taken
 from haptic_driver.recording.event import Event
-from haptic_driver.recording.writer import INTERVAL_S, RunHeader, RunWriter, checked_path, record, remove_hidden
+from haptic_driver.recording.writer import INTERVAL_S, RunHeader, RunWriter, record, remove_hidden, where
 
 START_TIMEOUT_S = 20.0
 STOP_TIMEOUT_S = 10.0
@@ -47,7 +47,7 @@ class Recorder:
     """
 
     def __init__(self, path: Path, header: RunHeader, shared: SharedState) -> None:
-        self.path = checked_path(path)
+        self.path = where(path)  # what is there the process looks at: it may be anything
         self._talk, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
             settings = RecorderSettings(self.path, header, shared.ring.position)

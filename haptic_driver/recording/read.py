@@ -8,7 +8,8 @@
 - attributes, all strings or floats (MATLAB's h5readatt fails on integers): `rig`, `model`, `simulated` (1 or 0),
   `surface_hash`, `calibration_ids` (JSON), `software_version`, `actuator`, `latency_budget_s` (JSON), `started_at`
   (UTC), `started_s` (CLOCK_MONOTONIC, as every time in a recording), `samples_lost` (overwritten before they were
-  read), and `complete`: 1 when the recorder has ended in good order, 0 while it records and after its crash.
+  read), and `complete`: 1 when the recorder has ended in good order, 0 while it records and after its crash or a full
+  disk; `why_incomplete` says which, and is empty where nothing is missing.
 """
 
 from __future__ import annotations
@@ -30,12 +31,14 @@ from haptic_driver.errors import BadInputError, optional
 from haptic_driver.files import exists_already, replacing
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.event import Event
+from haptic_driver.recording.structure import check_run, member, read_column
 
 FORMAT = "haptic-driver recording"
 FORMAT_VERSION = 1.0
 FIELDS: tuple[str, ...] = SAMPLE.names or ()
 EVENT_FIELDS = {"number": "u8", "time_s": "f8", "kind": h5py.string_dtype(), "message": h5py.string_dtype(),
                 "data": h5py.string_dtype()}  # fmt: skip
+TABLES = {"samples": {name: SAMPLE[name] for name in FIELDS}, "events": EVENT_FIELDS}
 BLOCK_ROWS = 1 << 15  # exported at a time
 
 
@@ -60,8 +63,7 @@ def read_run(path: Path, name: str | None = None) -> Run:
     """One run, the last unless named. BadInputError for a missing, damaged, foreign or newer file."""
     with _opened(path) as file:
         group = _group(path, file, name)
-        count = group["samples/tick"].shape[0]
-        samples = np.empty(count, SAMPLE)
+        samples = np.empty(group["samples/tick"].shape[0], SAMPLE)
         for field in FIELDS:
             samples[field] = _column(group[f"samples/{field}"], slice(None))
         return Run(
@@ -117,7 +119,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         try:
             _check_format(path, file)
             yield file
-        except (KeyError, ValueError, RuntimeError) as error:
+        except (KeyError, ValueError, RuntimeError, TypeError, RecursionError, MemoryError) as error:
             hint = "Look at it with h5dump; use another copy"
             raise BadInputError("recording_unreadable", f"{path}: is damaged ({error})", hint) from error
 
@@ -142,13 +144,21 @@ def _group(path: Path, file: h5py.File, name: str | None) -> h5py.Group:
         raise BadInputError("no_runs", f"{path}: holds no run", "Record one with: haptic record")
     if name is not None and name not in names:
         raise BadInputError("no_such_run", f"{path}: has no run {name!r}", f"It has {', '.join(names)}")
-    return file[name or names[-1]]
+    group: h5py.Group = member(file, name or names[-1], h5py.Group)
+    check_run(group, TABLES, file.id.get_filesize())
+    return group
 
 
 def _attributes(group: h5py.Group) -> dict[str, Any]:
-    found = {name: value if isinstance(value, str) else float(value) for name, value in group.attrs.items()}
+    found = {name: _attribute(value) for name, value in group.attrs.items()}
     parsed = {name: json.loads(str(found[name])) for name in ("calibration_ids", "latency_budget_s")}
     return found | parsed | {name: bool(found[name]) for name in ("simulated", "complete")}
+
+
+def _attribute(value: Any) -> str | float:
+    if isinstance(value, bytes):  # of a string of fixed length
+        return value.decode()
+    return value if isinstance(value, str) else float(value)
 
 
 def _events(group: h5py.Group) -> list[Event]:
@@ -160,11 +170,7 @@ def _events(group: h5py.Group) -> list[Event]:
 
 
 def _column(dataset: h5py.Dataset, rows: slice) -> NDArray[Any]:
-    try:
-        column: NDArray[Any] = dataset.asstr()[rows] if h5py.check_string_dtype(dataset.dtype) else dataset[rows]
-    except OSError as error:
-        raise ValueError(f"{dataset.name}: {error}") from error
-    return column
+    return read_column(dataset, rows, dataset.file.id.get_filesize())
 
 
 Blocks = Iterator[list[NDArray[Any]]]

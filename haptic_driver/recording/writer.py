@@ -4,7 +4,8 @@ HDF5 has no journal: a process that is killed while it writes leaves a file that
 to the file that the user sees. There are two copies; the hidden one is brought up to date, closed, forced to disk and
 exchanged with the visible one by renaming, which happens as a whole or not at all. Whenever the recorder dies and
 however full the disk gets, the visible file is a complete HDF5 file that lacks at most what came since the last
-exchange. The price is twice the space while recording.
+exchange. The price is twice the space while recording. Nothing is exchanged of which the system has refused a byte
+(`checked_file.py`).
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,12 +28,15 @@ from numpy.typing import NDArray
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.processes.shared_memory import Taken
+from haptic_driver.recording.checked_file import CheckedFile
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.read import EVENT_FIELDS, FIELDS, FORMAT, FORMAT_VERSION, run_names
 
 INTERVAL_S = 0.5  # between exchanges; what a crash may cost
 CHUNK_ROWS = 4096
 PRIVATE = 0o600
+WHY_BYTES = 240
+NOT_ENDED = "it is being recorded, or its recorder was killed"
 
 
 @dataclass(frozen=True)
@@ -51,11 +55,12 @@ class RunHeader:
     started_s: float = field(default_factory=time.monotonic)
     started_at: str = field(default_factory=lambda: datetime.datetime.now(datetime.UTC).isoformat())
 
-    def attributes(self) -> dict[str, str | float]:
+    def attributes(self) -> dict[str, str | float | NDArray[np.bytes_]]:
         """Strings and floats."""
         said = {name: value for name, value in vars(self).items() if name != "config"}
         found = {name: json.dumps(value) if isinstance(value, dict) else value for name, value in said.items()}
-        return found | {"simulated": float(self.simulated), "samples_lost": 0.0, "complete": 0.0}
+        said_last = {"samples_lost": 0.0, "complete": 0.0, "why_incomplete": _of_fixed_length(NOT_ENDED)}
+        return found | {"simulated": float(self.simulated)} | said_last
 
 
 @dataclass(frozen=True)
@@ -105,11 +110,10 @@ class RunWriter:
             os.close(os.open(self._behind, os.O_CREAT | os.O_EXCL | os.O_WRONLY, PRIVATE))
         else:
             _copy(self.path, self._behind)
-        with h5py.File(self._behind, "w" if is_new else "r+", locking=False) as file:
+        with _written(self._behind, "w" if is_new else "r+") as file:
             file.attrs["format"], file.attrs["format_version"] = FORMAT, FORMAT_VERSION
             name = f"run_{len(file) + 1:04d}"
             _make_run(file.create_group(name), header)
-        _sync(self._behind)
         if is_new:
             os.link(self._behind, self.path)  # fails, unlike renaming, where a file has appeared
             os.unlink(self._behind)
@@ -120,18 +124,23 @@ class RunWriter:
 
     def _write(self, chunks: Iterable[Chunk], complete: bool) -> None:
         try:
-            with h5py.File(self._behind, "r+", locking=False) as file:
+            with _written(self._behind, "r+") as file:
                 group = file[self._run]
                 for chunk in chunks:
                     _append(group, chunk)
-                group.attrs["complete"] = float(complete)
-            _sync(self._behind)
+                if complete:
+                    group.attrs["complete"], group.attrs["why_incomplete"] = 1.0, _of_fixed_length("")
             self._exchange()
         except (OSError, RuntimeError, KeyError) as error:
-            remove_hidden(self.path)
+            self._say_why(f"recording stopped: {self._said(error)}")
             said = f"{self.path}: recording stopped, what came before is kept ({self._said(error)})"
-            hint = "Make room on the disk, or choose another file, and record again"
-            raise HapticError("recording_failed", said, hint) from error
+            raise HapticError("recording_failed", said, "Make room on the disk, or choose another one") from error
+
+    def _say_why(self, reason: str) -> None:
+        """Where `NOT_ENDED` stands in the visible file: in its place, since a full disk has room for nothing more."""
+        remove_hidden(self.path)
+        with suppress(OSError, RuntimeError, KeyError), _written(self.path, "r+") as file:
+            file[self._run].attrs.modify("why_incomplete", _of_fixed_length(reason))
 
     def _exchange(self) -> None:
         """Killed anywhere here, the visible file is the old one or the new one."""
@@ -163,15 +172,20 @@ def record(writer: RunWriter, drain: Callable[[], Taken], wait: Callable[[], tup
 
 
 def checked_path(path: Path) -> Path:
-    """Where to record: absolute, ending in .h5 or .hdf5, and nothing there but a recording. BadInputError otherwise."""
+    """Where to record, with nothing there but a recording. BadInputError otherwise."""
+    resolved = where(path)
+    if resolved.exists():
+        run_names(resolved)  # reads it
+    return resolved
+
+
+def where(path: Path) -> Path:
+    """Where to record: absolute, ending in .h5 or .hdf5. BadInputError otherwise."""
     if path.suffix.lower() not in (".h5", ".hdf5"):
         raise BadInputError("bad_ending", f"{path}: a recording's name ends in .h5", "Give a name such as run.h5")
     if not path.is_absolute():
         raise BadInputError("relative_path", f"{path}: the daemon works in another folder", "Give an absolute path")
-    resolved = path.resolve()
-    if resolved.exists():
-        run_names(resolved)  # reads it
-    return resolved
+    return path.resolve()
 
 
 def hidden_copy(path: Path) -> Path:
@@ -195,12 +209,16 @@ def _copy(source: Path, target: Path) -> None:
     os.chmod(target, source.stat().st_mode)
 
 
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+@contextmanager
+def _written(path: Path, mode: str) -> Iterator[h5py.File]:
+    """The open file; at the end of the block it is on the disk, or an OSError is raised."""
+    with CheckedFile(path) as raw, h5py.File(raw, mode) as file:
+        yield file
+
+
+def _of_fixed_length(said: str) -> NDArray[np.bytes_]:
+    """A string that another takes the place of without a byte more."""
+    return np.array(said.encode("ascii", "replace")[:WHY_BYTES], f"S{WHY_BYTES}")
 
 
 def _make_run(group: h5py.Group, header: RunHeader) -> None:

@@ -257,7 +257,7 @@ class _Parts:
         given = self._config.stage
         if given is None:
             return None
-        transport = make_transport(given.resource)
+        transport = make_transport(given.resource, rtscts=True)
         set_rts = transport.set_rts if isinstance(transport, SerialTransport) else None
         stage = Lts150(transport, stage_settings(given), set_rts=set_rts)
         self.after_rig.append(stage.connect)

@@ -19,7 +19,8 @@ TEXTURE_COF = (0.01, 5.0)  # what a file may say; the upper end is beyond any fi
 FINEST_MM = 0.1
 SHORTEST_PERIOD_MM = 2.0 * FINEST_MM
 SAMPLES_PER_WAVE = 12  # straight lines between them miss a crest by 1 - cos(pi/12), 3.4 %
-LARGEST_NOISE_PIXELS = 2048  # along one side
+LARGEST_NOISE_PIXELS = 1400  # along one side: two million, the most that render takes
+LONGEST_TABLE_ROWS = 25_000  # of a profile or a script
 
 Cof = Annotated[float, Field(ge=TEXTURE_COF[0], le=TEXTURE_COF[1], allow_inf_nan=False)]
 LengthMm = Annotated[float, Field(ge=0.001, le=10_000.0, allow_inf_nan=False)]

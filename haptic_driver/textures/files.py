@@ -8,24 +8,29 @@ import struct
 import tokenize
 import zipfile
 import zlib
+from array import array
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input, read_bytes, read_text
 from haptic_driver.signals import Array
-from haptic_driver.textures.description import TEXTURE_COF
+from haptic_driver.textures.description import LONGEST_TABLE_ROWS, TEXTURE_COF
 from model.support.tables import read_table
 
-LARGEST_MAP_PIXELS = 64_000_000
+LARGEST_MAP_PIXELS = 4_000_000
+LARGEST_PICTURE_BYTES = 8 * LARGEST_MAP_PIXELS + (1 << 20)
+LARGEST_GRID_BYTES = 3 << 20  # as text
 PROFILE_HINT = "Begin with the line: position_mm,cof"
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_GREY = 0  # colour type of the PNG specification, section 11.2.1
 # What Pillow and numpy raise on damaged files, found by feeding them such files.
-PNG_DAMAGE = (OSError, ValueError, SyntaxError, EOFError, struct.error, zlib.error)
+PNG_DAMAGE = (OSError, ValueError, SyntaxError, EOFError, struct.error, zlib.error, Image.DecompressionBombError)
 NPY_DAMAGE = (OSError, ValueError, SyntaxError, EOFError, tokenize.TokenError, zipfile.BadZipFile, MemoryError)
 
 
@@ -41,7 +46,7 @@ def read_map(path: Path) -> Array:
 
 def read_png(path: Path) -> Array:
     """A grey picture of 1 to 16 bits as 0 to 1 of full scale, values taken as stored (no gamma)."""
-    content = read_bytes(path)
+    content = read_bytes(path, LARGEST_PICTURE_BYTES)
     if not content.startswith(PNG_SIGNATURE) or content[12:16] != b"IHDR" or len(content) < 26:
         raise _bad_image(path, "is not a PNG picture", "save the picture as PNG")
     width, height, bits, colour_type = struct.unpack(">IIBB", content[16:26])
@@ -50,6 +55,7 @@ def read_png(path: Path) -> Array:
         raise _bad_image(path, "is a 16-bit picture with colour or alpha", "save it as 16-bit greyscale without alpha")
     try:
         with Image.open(io.BytesIO(content), formats=["PNG"]) as image:
+            _require_map_size(path, image.height, image.width)  # of another header, further on
             image.load()
             return _grey_16_bit(image, path) if bits == 16 else _grey_8_bit(image, path)
     except PNG_DAMAGE as error:
@@ -68,9 +74,9 @@ def _grey_8_bit(image: Image.Image, path: Path) -> Array:
     pixels = np.asarray(image.convert("RGBA"))
     if np.any(pixels[..., 3] != 255):
         raise _transparent(path)
-    coloured = np.argwhere(np.ptp(pixels[..., :3], axis=2) != 0)
-    if len(coloured):
-        row, column = coloured[0]
+    coloured = (pixels[..., 0] != pixels[..., 1]) | (pixels[..., 0] != pixels[..., 2])
+    if coloured.any():
+        row, column = _first(coloured)
         said = f"has colour, first at row {row}, column {column}"
         raise _bad_image(path, said, "friction has no colour: save it as greyscale")
     return np.asarray(pixels[..., 0], dtype=float) / 255.0
@@ -87,25 +93,45 @@ def _bad_image(path: Path, problem: str, hint: str) -> BadInputError:
 
 def read_npy(path: Path) -> Array:
     """A numpy array of two dimensions, of numbers."""
-    content = read_bytes(path)
+    content = read_bytes(path, LARGEST_PICTURE_BYTES)
     try:
-        array = np.load(io.BytesIO(content), allow_pickle=False)
+        _require_npy_size(path, content)
+        loaded = np.load(io.BytesIO(content), allow_pickle=False)
     except NPY_DAMAGE as error:
         raise BadInputError("bad_map", f"{path} is not a numpy array: {error}", "write it with numpy.save") from None
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiub" or array.ndim != 2:
-        shape = getattr(array, "shape", "no array")
-        raise BadInputError("bad_map", f"{path} is not a table of numbers ({shape})", "save rows and columns of floats")
-    _require_map_size(path, *array.shape)
-    return np.asarray(array, dtype=float)
+    return np.asarray(loaded, dtype=float)
+
+
+def _require_npy_size(path: Path, content: bytes) -> None:
+    """By the header, before anything is made of that size (NEP 1)."""
+    file = io.BytesIO(content)
+    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    version = np.lib.format.read_magic(file)
+    if version not in read_header:
+        raise ValueError(f"format version {version}")
+    shape, _, dtype = read_header[version](file)
+    if dtype.kind in "fiub" and len(shape) == 2:
+        _require_map_size(path, *shape)
+    else:
+        said = f"{path} is not a table of numbers ({shape})"
+        raise BadInputError("bad_map", said, "save rows and columns of floats")
 
 
 def read_grid(path: Path) -> Array:
     """A CSV table of numbers without a header: each line a row of the map."""
-    rows = [[_number(path, line, cell) for cell in cells] for line, cells in _csv_lines(path)]
-    if not rows or len({len(row) for row in rows}) != 1:
-        raise BadInputError("bad_map", f"{path} has no rows, or rows of unequal length", "give a full table, no header")
-    _require_map_size(path, len(rows), len(rows[0]))
-    return np.array(rows, dtype=float)
+    values, columns = array("d"), 0
+    for line, cells in _csv_lines(path):
+        columns = columns or len(cells)
+        if len(cells) != columns:
+            said = f"{path} line {line} is of unequal length: {len(cells)} numbers, not {columns}"
+            raise BadInputError("bad_map", said, "give a full table, no header")
+        try:
+            values.extend(map(float, cells))
+        except ValueError:
+            raise _no_number(path, line, cells) from None
+    if not values:
+        raise BadInputError("bad_map", f"{path} has no rows", "give a full table, no header")
+    return np.array(values).reshape(-1, columns)
 
 
 def require_cof(path: Path, cof: Array) -> None:
@@ -119,11 +145,17 @@ def require_shares(path: Path, shares: Array) -> None:
 
 
 def _require_values(path: Path, values: Array, low: float, high: float, hint: str) -> None:
-    bad = np.argwhere(~((values >= low) & (values <= high)))  # NaN is outside every range
-    if len(bad):
-        row, column = bad[0]
+    bad = ~((values >= low) & (values <= high))  # NaN is outside every range
+    if bad.any():
+        row, column = _first(bad)
         said = f"{path}: {values[row, column]:g} at row {row}, column {column} is outside {low} to {high}"
         raise BadInputError("bad_map", said, hint)
+
+
+def _first(mask: NDArray[np.bool_]) -> tuple[int, int]:
+    """Row and column of the first that is true."""
+    row, column = divmod(int(mask.argmax()), mask.shape[1])
+    return row, column
 
 
 def _require_map_size(path: Path, rows: int, columns: int) -> None:
@@ -137,7 +169,7 @@ def _require_map_size(path: Path, rows: int, columns: int) -> None:
 def read_profile(path: Path) -> tuple[list[float], list[float]]:
     """Positions in metres and frictions of a CSV file with columns position_mm or position_m, and cof."""
     with bad_input():
-        table = read_table(path, ["cof"], PROFILE_HINT)
+        table = read_table(path, ["cof"], PROFILE_HINT, LONGEST_TABLE_ROWS)
         in_mm = "position_mm" in table.columns and "position_m" not in table.columns
         position, metres = ("position_mm", 1e-3) if in_mm else ("position_m", 1.0)
         table.require(position)
@@ -153,23 +185,23 @@ def read_profile(path: Path) -> tuple[list[float], list[float]]:
     return (along * metres).tolist(), cof.tolist()
 
 
-def _csv_lines(path: Path) -> list[tuple[int, list[str]]]:
+def _csv_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Line number and cells of every line that is neither empty nor a comment."""
-    reader = csv.reader(io.StringIO(read_text(path), newline=""))
+    reader = csv.reader(io.StringIO(read_text(path, LARGEST_GRID_BYTES), newline=""))
     try:
-        return [
-            (reader.line_num, cells)
-            for cells in reader
-            if any(cell.strip() for cell in cells) and not cells[0].lstrip().startswith("#")
-        ]
+        for cells in reader:
+            if "".join(cells).strip() and not cells[0].lstrip().startswith("#"):
+                yield reader.line_num, cells
     except csv.Error as error:
         said = f"{path} line {reader.line_num} is not CSV: {error}"
         raise BadInputError("file_unreadable", said, "separate the numbers by commas") from None
 
 
-def _number(path: Path, line: int, cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        said = f"{path} line {line}: {cell.strip()[:40]!r} is no number"
-        raise BadInputError("bad_map", said, "use numbers such as 0.62") from None
+def _no_number(path: Path, line: int, cells: list[str]) -> BadInputError:
+    for cell in cells:
+        try:
+            float(cell)
+        except ValueError:
+            said = f"{path} line {line}: {cell.strip()[:40]!r} is no number"
+            return BadInputError("bad_map", said, "use numbers such as 0.62")
+    raise AssertionError("all of them are numbers")

@@ -24,6 +24,7 @@ CURVES = ("Linear", "Cubic", "Akima")  # Bezier and Bspline do not pass through 
 LARGEST_CURVE_POINTS = 100_000
 SUPPORTED = "supported: one perception Friction, one channel, one band Curve (Linear, Cubic, Akima), one effect Basis"
 DEFAULT_UNIT_EXPONENT = -3
+LARGEST_EXPONENT = 9
 
 
 def read(path: Path) -> tuple[Array, Array]:
@@ -45,7 +46,10 @@ def read(path: Path) -> tuple[Array, Array]:
     if not np.all((amplitude >= 0.0) & (amplitude <= 1.0)):
         said = f"has amplitudes {amplitude.min():.4g} to {amplitude.max():.4g}"
         raise _refused(where, said, "keep amplitude_modulation times gain in 0 to 1")
-    unit_m = 10.0 ** _number(where, perception, "unit_exponent", DEFAULT_UNIT_EXPONENT)
+    exponent = _number(where, perception, "unit_exponent", DEFAULT_UNIT_EXPONENT)
+    if abs(exponent) > LARGEST_EXPONENT:
+        raise _refused(where, f"has unit_exponent = {exponent:g}", "-3 means mm")
+    unit_m = 10.0**exponent
     position_m, amplitude = _curve(where, band.get("curve_type", "Cubic"), position * unit_m, amplitude)
     return position_m, np.clip(amplitude, 0.0, 1.0)  # a curve may overshoot its keyframes
 
@@ -105,6 +109,8 @@ def _curve(where: str, kind: Any, position_m: Array, amplitude: Array) -> tuple[
         raise _refused(where, f"has a curve of type {kind}", SUPPORTED)
     if kind == "Linear" or len(position_m) == 2:  # the reference software joins two keyframes by a line
         return position_m, amplitude
+    if not np.all(np.diff(position_m) > 0.0):
+        raise _refused(where, "has keyframes closer together than numbers can tell", "check unit_exponent: -3 means mm")
     count = math.ceil((position_m[-1] - position_m[0]) / (FINEST_MM * 1e-3))
     if count > LARGEST_CURVE_POINTS:
         raise _refused(where, f"is {position_m[-1] - position_m[0]:g} m long", "check unit_exponent: -3 means mm")

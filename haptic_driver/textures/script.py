@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,13 @@ from typing import Any
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input
 from haptic_driver.render.texture import Interpolation, Script, Step, Texture, Uniform
-from haptic_driver.textures.description import SCRIPT_HINT, ScriptDescription, StepDescription, parse_step
+from haptic_driver.textures.description import (
+    LONGEST_TABLE_ROWS,
+    SCRIPT_HINT,
+    ScriptDescription,
+    StepDescription,
+    parse_step,
+)
 from model.support.errors import did_you_mean
 from model.support.tables import read_table
 
@@ -21,7 +28,7 @@ NUMBERS = ("time_s", "cof")
 def is_script(path: Path) -> bool:
     """Whether the first line of a CSV file has a column of times."""
     with bad_input():
-        return "time_s" in read_table(path, [], SCRIPT_HINT).columns
+        return "time_s" in read_table(path, [], SCRIPT_HINT, LONGEST_TABLE_ROWS).columns
 
 
 def build(described: ScriptDescription, path: Path, load: Callable[[str], Texture]) -> Script:
@@ -36,7 +43,7 @@ def build(described: ScriptDescription, path: Path, load: Callable[[str], Textur
 def read(path: Path, load: Callable[[str], Texture], interpolation: Interpolation = "hold") -> Script:
     """The script in a CSV file with columns time_s, cof or texture, and if you like label and interpolation."""
     with bad_input():
-        table = read_table(path, ["time_s"], SCRIPT_HINT)
+        table = read_table(path, ["time_s"], SCRIPT_HINT, LONGEST_TABLE_ROWS)
     for name in table.columns:
         if name not in COLUMNS:
             said = f"{path}: unknown column '{name}'"
@@ -62,9 +69,10 @@ def _script(
         if step.time_s <= before.time_s:
             said = f"{where}: time_s {step.time_s:g} comes after {before.time_s:g}"
             raise BadInputError("bad_script", said, "sort the steps by time")
+    load_once = cache(load)
     return Script(
         tuple(
-            Step(step.time_s, _texture(where, step, load), step.interpolation or interpolation, step.label)
+            Step(step.time_s, _texture(where, step, load_once), step.interpolation or interpolation, step.label)
             for where, step in steps
         )
     )

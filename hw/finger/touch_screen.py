@@ -278,9 +278,30 @@ class TouchScreen:
         self._reports.close()
 
 
-def open_touch_screen(path: str, calibration: TouchCalibration) -> TouchScreen:
-    """Open the event device at `path` as a finger tracker; see `open_touch_reports`."""
-    return TouchScreen(open_touch_reports(path), calibration)
+class EvdevTouchScreen:
+    """The touch screen at the event device `path`, as a finger tracker between `open` and `close`."""
+
+    def __init__(self, path: str, calibration: TouchCalibration) -> None:
+        self.calibration = calibration
+        self._path = path
+        self._screen: TouchScreen | None = None
+
+    def open(self) -> None:
+        """Open the event device; raises as `open_touch_reports`."""
+        if self._screen is None:
+            self._screen = TouchScreen(open_touch_reports(self._path), self.calibration)
+
+    def read(self) -> FingerReading:
+        """Return the newest reading, as `TouchScreen.read`. Raises DeviceDisconnected when not open."""
+        if self._screen is None:
+            raise DeviceDisconnected(f"{self._path} is not open", "call open() first")
+        return self._screen.read()
+
+    def close(self) -> None:
+        """Hang up; does nothing when already closed."""
+        screen, self._screen = self._screen, None
+        if screen is not None:
+            screen.close()
 
 
 def open_touch_reports(path: str) -> TouchReports:

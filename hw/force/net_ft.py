@@ -87,8 +87,9 @@ class RdtCounters:
     wrong_length: int = 0
 
     def __str__(self) -> str:
-        """For a person."""
-        return ", ".join(f"{field.name.replace('_', ' ')} {getattr(self, field.name)}" for field in fields(self))
+        """For a person: what there was of it."""
+        counted = [(field.name.replace("_", " "), getattr(self, field.name)) for field in fields(self)]
+        return ", ".join(f"{name} {count}" for name, count in counted if count) or "nothing came"
 
 
 class NetFt:

@@ -30,13 +30,18 @@ _VISA_PREFIX = "visa:"
 
 
 def make_transport(
-    resource: str, *, visa_backend: str = "@py", baud_rate: int = 115200, marker: Marker | None = None
+    resource: str,
+    *,
+    visa_backend: str = "@py",
+    baud_rate: int = 115200,
+    rtscts: bool = False,
+    marker: Marker | None = None,
 ) -> Transport:
     """Return a transport to `resource`, by our own link where there is one, else through VISA; not yet open.
 
     `visa:` before a resource sends it through VISA in any case. `visa_backend` is what pyvisa calls its library,
-    `baud_rate` concerns our serial ports and `marker` serial lines either way. Raises ValueError for a name of
-    no known form.
+    `baud_rate` and `rtscts` (flow control) concern our serial ports and `marker` serial lines either way. Raises
+    ValueError for a name of no known form.
     """
     name = resource.strip()
     through_visa = name.lower().startswith(_VISA_PREFIX)
@@ -49,7 +54,7 @@ def make_transport(
     if serial := _SERIAL.fullmatch(name):
         from hw.transport.serial import SerialTransport
 
-        return SerialTransport(serial["port"], baud_rate, marker=marker)
+        return SerialTransport(serial["port"], baud_rate, rtscts=rtscts, marker=marker)
     if name.upper().startswith("TCPIP"):
         return TcpTransport.from_resource(name)
     if name.upper().startswith("USB"):

@@ -8,14 +8,16 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.support.errors import ModelError
-from model.support.files import as_text, read_bytes
+from model.support.files import LARGEST_FILE_BYTES, as_text, read_bytes
 
+ROW_BYTES = 100  # where rows are limited
 COMMAS = "Save it with commas between the columns and points in the numbers: 0.5, not 0,5"
 
 
@@ -72,18 +74,21 @@ class Table:
         return f"{self.path}, line {self.lines[row]}"
 
 
-def read_table(path: Path, required: Sequence[str], wanted: str) -> Table:
+def read_table(path: Path, required: Sequence[str], wanted: str, most_rows: int | None = None) -> Table:
     """A table with the columns `required`; `wanted` is the hint that says what the file must look like."""
     try:
-        content = read_bytes(path)
+        content = read_bytes(path, LARGEST_FILE_BYTES if most_rows is None else most_rows * ROW_BYTES)
         text = as_text(path, content)
     except ModelError as error:
         raise ModelError(error.message, f"{error.hint}. {wanted}", error.code) from None
     reader = csv.reader(io.StringIO(text, newline=""))
     try:
-        numbered = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader]
+        numbered = [(reader.line_num, [cell.strip() for cell in cells]) for cells in islice(reader, most_rows)]
+        is_whole = next(reader, None) is None
     except csv.Error as error:
         raise ModelError(f"{path}, line {reader.line_num}: is not CSV ({error})", wanted, "bad_table") from None
+    if not is_whole:
+        raise ModelError(f"{path}: has more than {most_rows} rows", f"Leave some out. {wanted}", "table_too_large")
     numbered = [(line, cells) for line, cells in numbered if any(cells) and not cells[0].startswith("#")]
     columns = _without_empty_end(numbered[0][1]) if numbered else []
     _check_columns(path, columns, required, wanted)

@@ -77,11 +77,11 @@ class EvdevFingerConfig(PartSection):
 
 
 def make_evdev(section: EvdevFingerConfig, wiring: Wiring) -> Part[FingerTracker]:
-    """Opened at once: a touch screen that is not there is told before anything is switched."""
-    from hw.finger.touch_screen import open_touch_screen
+    """Reads its event device."""
+    from hw.finger.touch_screen import EvdevTouchScreen
 
-    screen = open_touch_screen(section.device, section.touch_calibration())
-    return Part(screen, closing=[screen.close])
+    screen = EvdevTouchScreen(section.device, section.touch_calibration())
+    return Part(screen, [screen.open], [screen.close])
 
 
 class RecordedFingerConfig(PartSection):

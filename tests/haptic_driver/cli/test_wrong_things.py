@@ -74,7 +74,7 @@ WRONG = [
     ([*SOLVE, "--rig", "x" * 300], 2, "unknown_rig", "xxx", "Known: "),
     ([*SOLVE, "--model", "ok.csv"], 2, "unknown_model", "ok.csv", "must end in .toml"),
     ([*SOLVE, "--rig", "latin.toml"], 2, "file_unreadable", "latin.toml is not UTF-8 text", "UTF-8"),
-    ([*SOLVE, "--rig", "syntax.toml"], 2, "bad_toml", "syntax.toml: Invalid value (at line 1", "TOML"),
+    ([*SOLVE, "--rig", "syntax.toml"], 2, "bad_toml", "syntax.toml: not valid TOML: Invalid value (at line 1", "TOML"),
     ([*SOLVE, "--rig", "empty.toml"], 2, "bad_config", "empty.toml: name is missing", "Add it"),
     ([*SOLVE, "--rig", "type.toml"], 2, "bad_config", "simulated: Input should be a valid boolean", "key"),
     ([*SOLVE, "--rig", "key.toml"], 2, "unknown_key", "'naem'", "Did you mean 'name'?"),

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from haptic_driver.daemon.messages import DaemonState, RefusedError, Status
+from haptic_driver.daemon.messages import DaemonState, RefusedError, Status, Timing
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.state_machine import StateMachine
 from haptic_driver.daemon.web.server import serve
@@ -81,6 +81,8 @@ class BenchControl:
                 latency_budget_s={"total": 0.01},
                 surface_hash="0" * 8,
                 recording=self.recording,
+                recording_fault=None,
+                timing=Timing(in_time=None, missed=0, lateness_edges_s=[], lateness_counts=[], last_cause=None),
             )
 
     def _change(self, name, *arguments):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import resource
+import shutil
 import signal
 import socket
 import subprocess
@@ -17,9 +18,10 @@ import numpy as np
 import pytest
 
 from haptic_driver.config import find_config
+from haptic_driver.daemon import recordings
 from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.set_up import latency_budget_s
-from haptic_driver.errors import BadInputError
+from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.recording.read import read_run
 from haptic_driver.simulation.lines import Lines
 from haptic_driver.surface.build import build_surface
@@ -137,6 +139,22 @@ def test_another_fingers_model_is_used_from_then_on(daemon, settings, tmp_path):
     assert not [event for event in daemon.events(began) if event.kind == "fault"]
 
 
+def test_nothing_is_read_for_who_may_not_ask_or_while_it_is_refused(daemon, monkeypatch):
+    """Clients without a lease once delayed OFF by 8.5 s; a model that was refused tripped the rig."""
+    monkeypatch.setattr(daemon._loader, "_ask", lambda *asked: pytest.fail(f"read {asked}"))
+    assert refusal(daemon.play, "guessed", "linen").code == "not_armed"
+    daemon.arm(2.0)
+    assert refusal(daemon.play, "guessed", "linen").code == "not_yours"
+    assert refusal(daemon.use_model, "reference").code == "not_idle"
+
+
+def test_a_model_that_is_refused_leaves_the_daemon_as_it_was(daemon, tmp_path):
+    (tmp_path / "finger.toml").write_text("a = " + "[" * 100_000)
+    with pytest.raises(BadInputError, match="not valid TOML"):
+        daemon.use_model(str(tmp_path / "finger.toml"))
+    assert daemon.arm(2.0).token
+
+
 def test_running_out_of_file_descriptors_is_survived(daemon):
     """What died is tried again until descriptors are there again, and the daemon says what is in the way."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -159,6 +177,52 @@ def test_a_run_that_is_recorded_keeps_its_model(daemon, tmp_path):
     attributes = read_run(tmp_path / "run.h5").attributes
     assert attributes["model"] == "reference"
     assert attributes["calibration_ids"]["amplifier"] == "simulation, 2024-01-01"
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A disk of 4 MB that is at its end after seconds of recording; `space` is how much of it is free."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", disk], capture_output=True, check=False)
+    if mounted.returncode:
+        pytest.skip("may not mount a file system here")
+    yield disk
+    subprocess.run(["umount", "--lazy", disk], check=True)
+
+
+def test_a_full_disk_is_told_rendering_goes_on_and_recording_resumes(daemon, small_disk, electrode_v, monkeypatch):
+    """Once the daemon said "recording" for ever, of a file that said it was complete and was not."""
+    monkeypatch.setattr(recordings, "SPACE_BYTES", 2 << 20)
+    ballast = small_disk / "ballast"
+    path = small_disk / "run.h5"
+    since = max(event.number for event in daemon.events(0))
+    lease = daemon.arm(5.0)
+    daemon.set_target(lease.token, 0.6)
+    daemon.record(str(path))
+    keep_rendering(daemon, lease.token, lambda: read_run(path).samples.size > 500)
+    ballast.write_bytes(b"x" * (shutil.disk_usage(small_disk).free & ~4095))  # not a byte is free now
+    keep_rendering(daemon, lease.token, lambda: daemon.status().recording_fault)
+    status = daemon.status()
+    assert (status.state, status.recording) == (DaemonState.RENDERING, None)
+    assert "No space left on device" in status.recording_fault
+    assert electrode_v() > 10.0
+    assert any("No space left" in event.message for event in daemon.events(since) if event.kind == "recording")
+    first = read_run(path)
+    assert first.attributes["complete"] is False
+    assert "No space left on device" in first.attributes["why_incomplete"]
+    assert (np.diff(first.samples["tick"].astype(np.int64)) > 0).all()
+    assert np.isfinite(first.samples["time_s"]).all()
+    ballast.unlink()
+    keep_rendering(daemon, lease.token, lambda: daemon.status().recording)
+    assert daemon.status().recording == str(small_disk / "run-2.h5")
+    keep_rendering(daemon, lease.token, lambda: read_run(small_disk / "run-2.h5").samples.size)
+    with pytest.raises(HapticError, match=r"No space left on device.*then into .*run-2\.h5") as failed:
+        daemon.record(None)
+    assert failed.value.code == "recording_failed"
+    assert read_run(small_disk / "run-2.h5").attributes["complete"] is True
+    status = daemon.status()
+    assert (status.recording, status.recording_fault) == (None, None)
 
 
 def test_nothing_is_rendered_without_the_lease(daemon, electrode_v):

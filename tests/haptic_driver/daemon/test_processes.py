@@ -127,3 +127,17 @@ def test_how_a_child_ended_is_said_in_words(tmp_path):
     assert failing.ended is not None
     assert "the failing process ended with status" in failing.ended
     failing.stop()
+
+
+def test_a_socket_that_somebody_deleted_is_there_again(tmp_path):
+    path = tmp_path / "run" / "daemon.sock"
+    place = Place(path)
+    path.unlink()
+    place.keep()
+    place.keep()
+    with socket.socket(socket.AF_UNIX) as client:
+        client.connect(str(path))
+        place.listener.accept()[0].close()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    place.close()
+    assert sorted(name.name for name in path.parent.iterdir()) == ["daemon.sock.lock"]

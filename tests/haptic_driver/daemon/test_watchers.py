@@ -9,6 +9,7 @@ import pytest
 
 from haptic_driver.daemon import watchers
 from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
@@ -19,6 +20,7 @@ from haptic_driver.processes.shared_memory import NO_OUTPUT
 from haptic_driver.render.texture import Script, Step, Uniform
 from haptic_driver.rig.states import RigEvent, RigState
 from tests.clock import ManualClock
+from tests.haptic_driver.daemon.ticks import made_tick
 from tests.waiting import HANG_S, until
 
 LEASE_S = 0.5
@@ -34,8 +36,8 @@ class Bench:
         self.orders = Orders(settings, shared, self.events, clock)
         rig = SimpleNamespace(state=RigState.OFF)
         self.orders.pump.actuator = SimpleNamespace(rig=rig, off=self._off)
-        self.targets = Targets(shared, self.orders, self.events, clock, lambda load_n: (0.5, 1.3))
-        self.watched = Watched(shared, self.orders, self.targets, self.events, settings.render)
+        self.targets = Targets(shared, self.orders, self.events, clock, lambda load_n: (0.5, 1.3), Loader())
+        self.watched = Watched(shared, self.orders, self.targets, self.events, settings.render, lambda: "do this")
         self.orders.machine.connected()
 
     def _off(self):
@@ -136,3 +138,54 @@ def test_markers_are_told_once_and_again_when_the_script_begins_anew(bench):
         bench.rendered()
         assert bench.watch() == [("marker", "begin")]
         assert bench.watch() == []
+
+
+def test_a_script_that_has_ended_leaves_the_state_rendering(bench):
+    """The page said RENDERING for ever after a script's last step."""
+    token = bench.arm()
+    script = Script((Step(0.0, Uniform(0.6), "hold", ""), Step(0.1, Uniform(0.6), "hold", "")))
+    bench.targets.target = script.started(bench.clock.now_s)
+    bench.orders.render(token, 1)
+    bench.rendered()
+    assert bench.watch(0.09) == []
+    assert bench.orders.rendering
+    with bench.targets.choosing:  # another target is on its way: it is not switched off
+        assert bench.watch(0.02) == []
+    assert bench.orders.rendering
+    bench.rendered()
+    assert bench.watch(0.02) == [("state", "the script has ended; the daemon is armed")]
+    assert bench.orders.machine.state is DaemonState.ARMED
+    assert bench.switched_off > 0
+    assert bench.watch(0.02) == []
+
+
+def test_a_gain_that_is_learnt_in_many_steps_is_told_once_in_five_seconds(bench):
+    token = bench.arm()
+    bench.orders.render(token, 1)
+    told = []
+    for tick in range(60):  # from 1 to 12.8 in 7.5 s
+        bench.shared.ring.write(made_tick(tick, in_contact=1, feedback_gain=1.0 + 0.2 * tick))
+        bench.orders.renew(token)
+        bench.rendered()
+        told += bench.watch(0.125)
+    assert [message for kind, message in told if kind == "drift"] == [
+        "the finger's gain is 1.40", "the finger's gain is 9.40"
+    ]  # fmt: skip
+
+
+def test_ticks_that_come_too_seldom_in_time_are_told_with_cause_and_remedy_and_take_nothing_away(bench):
+    """Statistics warn; consequences trip."""
+    token = bench.arm()
+    bench.orders.render(token, 0)
+    for tick in range(94):
+        bench.shared.ring.write(made_tick(tick))
+    bench.shared.ring.write(made_tick(99, lateness_s=0.0004))  # 5 of 100 missed: just enough
+    bench.rendered()
+    assert [event for event in bench.watch() if event[0] == "timing"] == []
+    bench.shared.ring.write(made_tick(100, lateness_s=0.0031))
+    bench.rendered()
+    (told,) = [event for event in bench.watch() if event[0] == "timing"]
+    assert told[1] == "94% of the last 100 ticks in time; tick 100: render was woken 3.1 ms late: do this"
+    bench.rendered()
+    assert [event for event in bench.watch() if event[0] == "timing"] == []
+    assert bench.orders.rendering

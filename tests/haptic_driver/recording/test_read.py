@@ -144,6 +144,93 @@ def test_what_is_no_whole_recording_is_named(path, tmp_path, spoil, code):
         assert refused.value.hint
 
 
+def with_run(change):
+    """A spoiler that changes the last run, from its group on."""
+
+    def spoil(path):
+        with h5py.File(path, "r+") as file:
+            change(file["run_0002"])
+
+    return spoil
+
+
+def put(group, name, **made):
+    del group[name]
+    group.create_dataset(name, **made)
+
+
+def put_link(group, name, link):
+    del group[name]
+    group[name] = link
+
+
+def put_virtual(group, name):
+    layout = h5py.VirtualLayout(shape=(700,), dtype="f8")
+    layout[:] = h5py.VirtualSource("/etc/hostname", "x", shape=(700,))
+    del group[name]
+    group.create_virtual_dataset(name, layout)
+
+
+ELSEWHERE = [("/etc/passwd", 0, 5600)]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda run: put(run, "samples/time_s", shape=(700,), dtype="f8", external=ELSEWHERE), "another file"),
+        (lambda run: put_virtual(run, "samples/time_s"), "another file"),
+        (lambda run: put_link(run, "samples/time_s", h5py.ExternalLink("/etc/passwd", "/x")), "link to elsewhere"),
+        (lambda run: put_link(run, "samples", h5py.SoftLink("/run_0001/samples")), "link to elsewhere"),
+        (lambda run: put_link(run, "config", h5py.ExternalLink("other.h5", "/x")), "link to elsewhere"),
+        (lambda run: [run[f"samples/{name}"].resize(10**12, axis=0) for name in SAMPLE.names], "claims 1.* bytes"),
+        (lambda run: run["samples/time_s"].resize(699, axis=0), "differ in length"),
+        (lambda run: put(run, "samples/time_s", data=np.zeros(700), compression="gzip"), "is packed"),
+        (lambda run: put(run, "samples/time_s", data=np.zeros((700, 2))), "not as a recording has it"),
+        (lambda run: put(run, "samples/time_s", data=np.zeros(700, "f4")), "not as a recording has it"),
+        (lambda run: put(run, "samples/time_s", data=["text"] * 700), "not as a recording has it"),
+        (lambda run: put(run, "config", data="[" * 100_000, dtype=h5py.string_dtype()), "recursion|damaged"),
+        (lambda run: put(run, "events/data", data=["{"], dtype=h5py.string_dtype()), "damaged"),
+        (lambda run: run.attrs.__setitem__("complete", [1.0, 2.0]), "damaged"),
+        (lambda run: put(run, "config", data=h5py.Empty("f8")), "not as a recording has it"),
+    ],
+)  # fmt: skip
+def test_a_recording_from_anybody_leads_nowhere_else(path, change, said):
+    """External storage once made a recording of /etc/passwd."""
+    with_run(change)(path)
+    with pytest.raises(BadInputError, match=said) as refused:
+        recording.read_run(path)
+    assert refused.value.code == "recording_unreadable"
+
+
+def test_a_run_that_is_a_link_is_not_followed(path, tmp_path):
+    with h5py.File(tmp_path / "links.h5", "w") as file:
+        file.attrs["format"], file.attrs["format_version"] = recording.FORMAT, recording.FORMAT_VERSION
+        file["run_0001"] = h5py.ExternalLink(str(path), "/run_0001")
+    for use in (recording.read_run, recording.row_count):
+        with pytest.raises(BadInputError, match="link to elsewhere"):
+            use(tmp_path / "links.h5")
+
+
+def test_one_text_that_many_rows_point_to_is_not_read_for_each(path):
+    """A reference of 16 bytes a row stands for a text of any length."""
+    with h5py.File(path, "r+") as file:
+        events = file["run_0002/events"]
+        for name in recording.EVENT_FIELDS:
+            events[name].resize(5000, axis=0)
+        events["message"][:64] = "x" * 100_000
+        at = events["message"].id.get_chunk_info(0).byte_offset
+    with h5py.File(path, "r+") as file:
+        file["run_0002/events/message"][64:] = "y"
+        offsets = [file["run_0002/events/message"].id.get_chunk_info(i).byte_offset for i in range(78)]
+    first = bytes(path.read_bytes()[at : at + 64 * 16])
+    content = bytearray(path.read_bytes())
+    for offset in offsets[1:]:
+        content[offset : offset + 64 * 16] = first
+    path.write_bytes(content)
+    with pytest.raises(BadInputError, match="more text than the file"):
+        recording.read_run(path)
+
+
 def set_attribute(path, name, value):
     with h5py.File(path, "r+") as file:
         file.attrs[name] = value

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 import pytest
 
-from haptic_driver.errors import BadInputError
+from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.processes.shared_memory import RING_SAMPLES
 from haptic_driver.recording.event import Event
@@ -85,6 +85,7 @@ def test_every_field_and_event_comes_back(tmp_path, header, samples):
             "calibration_ids": '{"force_sensor": "FT12345 2024-03-01"}', "software_version": "0.1.0",
             "actuator": "setpoints over SCPI", "latency_budget_s": '{"sensor": 0.004, "total": 0.01}',
             "started_s": 1234.5, "started_at": "2024-05-06T07:08:09+00:00", "samples_lost": 7.0, "complete": 1.0,
+            "why_incomplete": b"",
         }  # fmt: skip
     read = read_run(path)
     assert read.samples.tobytes() == samples.tobytes()
@@ -100,8 +101,8 @@ def test_no_attribute_is_an_integer(tmp_path, header, samples):
     with h5py.File(tmp_path / "run.h5", "r") as file:
         attributes |= dict(file.attrs)
         file.visititems(lambda name, item: attributes.update({f"{name}.{k}": v for k, v in item.attrs.items()}))
-    assert len(attributes) == 14
-    assert {type(value) for value in attributes.values()} == {str, np.float64}
+    assert len(attributes) == 15
+    assert {type(value) for value in attributes.values()} == {str, np.bytes_, np.float64}
 
 
 def test_only_its_owner_may_read_it_and_nothing_is_left_beside_it(tmp_path, header, samples):
@@ -248,15 +249,58 @@ def test_a_full_disk_ends_the_recording_and_keeps_what_there_was(tmp_path, share
     recorder = Recorder(tmp_path / "run.h5", header, shared)
     tell_ticks(shared, 0, 20)
     await_samples(tmp_path / "run.h5", 20)
-    size = hidden_copy(tmp_path / "run.h5").stat().st_size
+    size = (tmp_path / "run.h5").stat().st_size
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (size, size))  # no file may grow any more
     tell_ticks(shared, 20, 10_000)
     why = until(recorder.ended)
     assert "recording stopped" in why
     assert "Make room on the disk" in why
     assert ".behind" not in why
-    assert read_run(tmp_path / "run.h5").samples["tick"].tolist() == list(range(20))
+    run = read_run(tmp_path / "run.h5")
+    assert run.samples["tick"].tolist() == list(range(20))
+    assert run.attributes["complete"] is False
+    assert "File too large" in run.attributes["why_incomplete"]
     assert os.listdir(tmp_path) == ["run.h5"]
+
+
+def append_for_ever(writer, chunk):
+    while True:
+        writer.append(chunk)
+
+
+@pytest.mark.parametrize("at_write", range(1, 12, 2))
+def test_no_refused_byte_is_ever_taken_for_written(tmp_path, header, samples, monkeypatch, at_write):
+    """HDF5 prints a full disk and goes on: such a run once said it was complete, with a fifth of its ticks gone."""
+    path = tmp_path / "run.h5"
+    writer = RunWriter(path, header)
+    writer.append(Chunk(samples[:500], 0, EVENTS[:1]))
+    pwrite, written = os.pwrite, 0
+
+    def refuse_once(descriptor, data, offset):
+        nonlocal written
+        written += 1
+        if written == at_write:
+            raise OSError(28, "No space left on device")
+        return pwrite(descriptor, data, offset)
+
+    monkeypatch.setattr(os, "pwrite", refuse_once)
+    with pytest.raises(HapticError, match="No space left") as failed:
+        append_for_ever(writer, Chunk(samples[500:], 0, EVENTS[1:]))
+    assert failed.value.code == "recording_failed"
+    run = read_run(path)
+    assert run.samples.size == writer.samples
+    assert run.samples[:500].tobytes() == samples[:500].tobytes()
+    assert run.samples[500:].tobytes() == samples[500:].tobytes() * ((writer.samples - 500) // 1200)
+    assert run.attributes["complete"] is False
+    assert "No space left on device" in run.attributes["why_incomplete"]
+    assert os.listdir(tmp_path) == ["run.h5"]
+
+
+def test_what_the_system_takes_in_pieces_is_whole(tmp_path, header, samples, monkeypatch):
+    pwrite = os.pwrite
+    monkeypatch.setattr(os, "pwrite", lambda descriptor, data, offset: pwrite(descriptor, data[:999], offset))
+    record(tmp_path / "run.h5", header, Chunk(samples[:900], 0, EVENTS), Chunk(samples[900:], 0, []))
+    assert read_run(tmp_path / "run.h5").samples.tobytes() == samples.tobytes()
 
 
 def test_the_process_refuses_like_the_writer(tmp_path, shared, header):

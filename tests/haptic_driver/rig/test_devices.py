@@ -230,3 +230,17 @@ def test_a_recording_says_what_each_figure_rests_on(rig_config, served):
     assert calibration_ids(touched)["touch_screen"] == "2026-03-01, placeholder"
     unsigned = real.model_copy(update={"amplifier": real.amplifier.model_copy(update={"measured_by": " "})})
     assert "amplifier" not in calibration_ids(unsigned)
+
+
+def test_the_stage_asks_for_flow_control(rig_config, served, monkeypatch):
+    """Its protocol is with RTS and CTS."""
+    asked, make = {}, devices_module.make_transport
+
+    def recorded(resource, **given):
+        asked[resource] = given
+        return make(resource, **given)
+
+    monkeypatch.setattr(devices_module, "make_transport", recorded)
+    config = as_real(rig_config, served.endpoints)
+    connect_devices(config)
+    assert asked[config.stage.resource] == {"rtscts": True}

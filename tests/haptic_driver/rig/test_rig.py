@@ -3,6 +3,7 @@
 import math
 import threading
 import time
+from contextlib import suppress
 
 import pytest
 
@@ -692,3 +693,109 @@ def test_a_heart_that_cannot_rest_and_a_listener_that_fails_keep_nobody_from_off
 def test_closing_over_a_link_with_errors_of_its_own_does_not_raise(dropping):
     dropping.wire.dropped = True
     assert dropping.rig.close().output_on is False
+
+
+# --- faults that no test noticed once --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_more_current_than_the_amplifier_may_give_is_a_trip(bench, monkeypatch, sign):
+    bench.rig.command(0.0, on(80.0))
+    limit_a = bench.rig._config.amplifier.current_limit_a
+    reading_v = sign * limit_a * bench.rig._config.amplifier.current_monitor_v_per_a
+    monkeypatch.setattr(bench.amplifier.current_monitor, "read_v", lambda: 0.99 * reading_v)
+    bench.rig.hold(0.3)
+    assert bench.rig.state is RigState.ON
+    monkeypatch.setattr(bench.amplifier.current_monitor, "read_v", lambda: 1.01 * reading_v)
+    with pytest.raises(HapticError, match="the current monitor reads"):
+        bench.rig.hold(0.4)
+    assert bench.rig.state is RigState.TRIPPED
+    assert bench.voltage_v == 0.0
+
+
+def test_the_amplifiers_fast_line_goes_first_and_once_more_last(bench, monkeypatch):
+    bench.rig.command(0.0, on(80.0))
+    order = []
+    generator, write, off = bench.rig._generator, bench.amplifier.write, bench.rig._generator.off
+    monkeypatch.setattr(bench.amplifier, "write", lambda value: (order.append(("enable", value)), write(value)))
+    monkeypatch.setattr(generator, "off", lambda: (order.append(("generator", False)), off())[1])
+    bench.rig.off()
+    assert order == [("enable", False), ("generator", False), ("enable", False)]
+
+
+def test_an_enable_line_that_reads_low_after_enabling_is_an_error_and_off(bench, monkeypatch):
+    write = bench.amplifier.write
+    monkeypatch.setattr(bench.amplifier, "write", lambda value: write(False))
+    with pytest.raises(HapticError, match="its enable line reads low after being raised"):
+        bench.rig.command(0.0, on(80.0))
+    assert bench.rig.state is RigState.OFF
+    assert bench.voltage_v == 0.0
+
+
+class Withdrawing:
+    """Wraps a step on the way to voltage: right after it, the first time, another thread begins to switch off.
+
+    `steps` lists the steps that followed.
+    """
+
+    def __init__(self, bench, monkeypatch, after):
+        self.bench, self.steps, self.after, self.thread = bench, [], after, threading.Thread(target=bench.rig.off)
+        switch = bench.rig._switch
+        self.withdrawals, self.before = switch._withdrawals, switch._withdrawals.begun
+        for owner, name in (
+            (switch, "check"), (switch._generator, "set_point"), (switch._generator, "set_output"),
+            (switch._amplifier, "enable"),
+        ):  # fmt: skip
+            monkeypatch.setattr(owner, name, self.wrapped(name, getattr(owner, name)))
+
+    def wrapped(self, name, step):
+        def taken(*given, **options):
+            if self.thread.ident:
+                self.steps.append(name)
+            done = step(*given, **options)
+            if name == self.after and not self.thread.ident:
+                self.thread.start()
+                while self.bench.amplifier.read() or self.withdrawals.begun == self.before:
+                    time.sleep(0.001)
+                return self.bench.rig._switch._amplifier.state if name == "enable" else done
+            return done
+
+        return taken
+
+
+@pytest.mark.parametrize("after", ["set_point", "set_output", "enable"])
+def test_who_switches_on_stops_at_the_next_step_after_somebody_switches_off(bench, monkeypatch, after):
+    withdrawing = Withdrawing(bench, monkeypatch, after)
+    bench.rig.command(0.0, on(80.0))  # says nothing: it is no fault that somebody switches off
+    withdrawing.thread.join()
+    assert withdrawing.steps == []
+    assert bench.rig.state is RigState.OFF
+    assert bench.voltage_v == 0.0
+    assert not [event for event in bench.rig.events if event.state is RigState.TRIPPED]
+
+
+def test_a_set_point_after_somebody_has_switched_off_is_not_sent(bench, monkeypatch):
+    bench.rig.command(0.0, on(80.0))
+    withdrawing = Withdrawing(bench, monkeypatch, "check")
+    bench.rig.command(1e-3 + bench.rig._interval_s, on(81.0))
+    withdrawing.thread.join()
+    assert withdrawing.steps == []
+    assert bench.rig.state is RigState.OFF
+    assert bench.voltage_v == 0.0
+
+
+def test_the_lock_is_free_after_a_command_and_after_a_stop(bench):
+    """Whoever keeps it keeps everybody else from switching on."""
+    found, lock = [], bench.rig._switch._lock
+
+    def look():
+        with suppress(RuntimeError):  # not ours to release
+            found.append(lock.acquire(timeout=1.0))
+            lock.release()
+
+    for act in (lambda: bench.rig.command(0.0, on(80.0)), bench.rig.off):
+        act()
+        other = threading.Thread(target=look)
+        other.start()
+        other.join()
+    assert found == [True, True]

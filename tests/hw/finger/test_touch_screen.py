@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from hw.errors import BadReply, DeviceDisconnected, DeviceError
 from hw.finger.simulated_touch_screen import Panel
 from hw.finger.touch_screen import (
+    EvdevTouchScreen,
     RawTouch,
     TouchCalibration,
     TouchEvents,
@@ -25,7 +26,6 @@ from hw.finger.touch_screen import (
     TouchScreen,
     fit_calibration,
     open_touch_reports,
-    open_touch_screen,
 )
 from hw.finger.tracker import FingerReading, FingerTracker
 from tests.clock import ManualClock
@@ -269,15 +269,23 @@ def test_the_codes_are_those_of_evdev() -> None:
 def test_evdev_missing_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "evdev", None)
     with pytest.raises(DeviceError) as failure:
-        open_touch_screen("/dev/input/event0", CALIBRATION)
+        EvdevTouchScreen("/dev/input/event0", CALIBRATION).open()
     assert "haptic-driver[touch]" in failure.value.hint
+
+
+def test_nothing_is_opened_before_open() -> None:
+    """Once a rig's touch screen was opened where the rig was only put together."""
+    screen = EvdevTouchScreen("/dev/input/no-such-event", CALIBRATION)
+    with pytest.raises(DeviceDisconnected, match="no-such-event is not open"):
+        screen.read()
+    screen.close()
 
 
 @pytest.mark.parametrize("path", ["/dev/input/no-such-event", "/dev/null"])
 def test_what_is_no_event_device_is_refused(path: str) -> None:
     pytest.importorskip("evdev", reason="evdev is not installed")
     with pytest.raises(DeviceDisconnected, match=path):
-        open_touch_screen(path, CALIBRATION)
+        EvdevTouchScreen(path, CALIBRATION).open()
 
 
 @pytest.mark.parametrize("fails_at", ["ioctl", "capabilities", "absinfo", "no touch screen"])
@@ -308,7 +316,7 @@ def test_a_device_that_cannot_be_taken_is_let_go_and_said_to_be_gone(
     monkeypatch.setitem(sys.modules, "evdev", SimpleNamespace(InputDevice=Device))
     monkeypatch.setattr("hw.finger.touch_screen.fcntl.ioctl", lambda *_: unplugged("ioctl"))
     with pytest.raises(BadReply if fails_at == "no touch screen" else DeviceDisconnected, match="/dev/input/event0"):
-        open_touch_screen("/dev/input/event0", CALIBRATION)
+        EvdevTouchScreen("/dev/input/event0", CALIBRATION).open()
     assert [device.closed for device in made] == [True]
 
 
@@ -321,7 +329,8 @@ def test_a_real_event_device() -> None:
         {codes.EV_ABS: [(codes.ABS_X, axis), (codes.ABS_Y, axis)], codes.EV_KEY: [codes.BTN_TOUCH]}
     ) as pad:
         time.sleep(0.5)  # for the device node to appear
-        tracker = open_touch_screen(pad.device.path, CALIBRATION)
+        tracker = EvdevTouchScreen(pad.device.path, CALIBRATION)
+        tracker.open()
         before_s = time.monotonic()
         for code, value in ((codes.ABS_X, 150), (codes.ABS_Y, 2900)):
             pad.write(codes.EV_ABS, code, value)
@@ -340,7 +349,7 @@ def test_uinput_without_touch_is_refused() -> None:
     with evdev.UInput({evdev.ecodes.EV_KEY: [evdev.ecodes.KEY_A]}) as keyboard:
         time.sleep(0.5)
         with pytest.raises(BadReply, match="no touch screen"):
-            open_touch_screen(keyboard.device.path, CALIBRATION)
+            EvdevTouchScreen(keyboard.device.path, CALIBRATION).open()
 
 
 def test_calibration_is_recovered_from_points() -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
-from hw.force.net_ft import NetFt, NetFtScale, NetFtSettings
+from hw.force.net_ft import NetFt, NetFtScale, NetFtSettings, RdtCounters
 from hw.force.sensor import ForceAxes
 from tests.hw.testing.faulty_net_ft import FaultyNetFt, RdtFault
 from tests.waiting import HANG_S, until
@@ -136,6 +136,12 @@ def test_each_fault_is_counted_and_its_record_is_not_taken(
     if also_missed:
         assert client.counters.missed == also_missed
     assert client.read()[1:] == (pytest.approx(0.5), pytest.approx(0.3), False)
+
+
+def test_what_did_not_happen_is_not_said() -> None:
+    """Seven counters, all zero, once stood in every event of a box without data."""
+    assert str(RdtCounters()) == "nothing came"
+    assert str(RdtCounters(accepted=3, wrong_source=1)) == "accepted 3, wrong source 1"
 
 
 def test_a_late_record_is_not_taken(box: FaultyNetFt, client: NetFt) -> None:

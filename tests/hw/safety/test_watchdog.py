@@ -225,6 +225,21 @@ def test_silence_in_words() -> None:
     assert wait_for_silence(beats, 1e3) == "the pipe is closed"
 
 
+def test_silence_is_noticed_after_one_period_and_not_later() -> None:
+    """Once a fault in the last look made it 10.9 periods, and no test noticed."""
+    waited_s: list[float | None] = []
+
+    class Beats(queue.Queue[bytes]):
+        def get(self, block: bool = True, timeout: float | None = None) -> bytes:
+            waited_s.append(timeout)
+            if timeout is None:
+                return BEAT
+            raise queue.Empty
+
+    assert wait_for_silence(Beats(), 4.0) == "no beat for 4 s"
+    assert waited_s == [None, pytest.approx(3.6), pytest.approx(0.4)]
+
+
 @pytest.mark.parametrize("slept_s", [3.0, 3.7])
 def test_its_own_sleep_is_not_the_drivers_silence(bench: Bench, slept_s: float) -> None:
     """A busy machine let the watchdog sleep for nearly its period while its driver went on beating."""

@@ -60,3 +60,10 @@ def test_an_unknown_form_is_refused_with_the_nearest_valid_one(resource: str, ne
     with pytest.raises(ValueError, match=re.escape(nearest)) as caught:
         make_transport(resource)
     assert repr(resource) in str(caught.value)
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_flow_control_reaches_the_port(asked: bool) -> None:
+    transport = make_transport("/dev/ttyUSB0", rtscts=asked)
+    assert isinstance(transport, SerialTransport)
+    assert transport._settings["rtscts"] is asked

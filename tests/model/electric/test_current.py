@@ -132,3 +132,16 @@ def test_grids_broadcast(models, scales_of, stack_of, circuit_of, sliding_rms_a)
     both_v = np.stack([np.tile(np.repeat(volts.ravel(), 4), 3), np.zeros(24)], axis=1)
     both = current_rms_a(admittance, np.repeat(each.omega[:, None], 2, axis=1), both_v, AREA_M2)
     np.testing.assert_allclose(both.reshape(3, 2, 4), grid, rtol=1e-14)
+
+
+def test_a_touch_that_is_pulled_in_has_no_current(models, scales_of, stack_of, circuit_of, monkeypatch) -> None:
+    """Its place once held whatever the memory held before."""
+    model = models["reference"]
+    pressure_pa = np.array([1e4, np.nan, np.inf])
+    stack = stack_of(model, np.full(3, 250.0))
+    circuit = circuit_of(scales_of(model), [(stack, np.full(3, 900.0))], pressure_pa)
+    monkeypatch.setattr(np, "empty", lambda shape, dtype=float: np.full(shape, 7.0, dtype))
+    admittance = sliding_admittance_per_m(model.table, circuit, pressure_pa)
+    assert np.isfinite(admittance[0]).all()
+    assert np.isnan(admittance[1:].real).all()
+    assert np.isnan(admittance[1:].imag).all()

@@ -157,3 +157,12 @@ def test_whatever_is_sent_through_the_gate_the_terminals_keep_the_limit(commands
             generator.handle(b"*CLS\n")
             opened.forget()
     assert GAIN * max(seen, default=0.0) <= LIMIT_V * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize("known", [b"*RST\n", b"VOLT:UNIT VPP\n", b"OUTP:LOAD INF\n", b"AM:STAT 0\n"])
+@pytest.mark.parametrize("level", [b"VOLT 0.1\n", b"VOLT:OFFS 0.1\n"])
+def test_no_level_passes_before_both_load_and_unit_are_known(known: bytes, level: bytes) -> None:
+    """For a load of 50 ohms a level is half of what an open electrode gets."""
+    with pytest.raises(LimitExceeded, match="programmed load and unit are not known to be open, Vpp"):
+        gate(known, level)
+    gate(b"*RST;:OUTP:LOAD INF\n", level)

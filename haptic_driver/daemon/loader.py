@@ -1,0 +1,186 @@
+"""The loader: the process that reads what a client names, and how control asks it.
+
+    python -m haptic_driver.daemon.loader LINK
+
+A texture or a model may come from anybody and be anything. So it is read in a process of its own, with bounds on memory
+and time, one at a time and with no precedence; control gets what came of it, or why it was refused.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import pickle
+import resource
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from haptic_driver.config import texture_dirs
+from haptic_driver.daemon.messages import RefusedError
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.processes.child import Child
+from haptic_driver.processes.shared_memory import TARGET_BYTES
+from haptic_driver.render.texture import Target
+from haptic_driver.surface.models import load_model
+from haptic_driver.textures.library import load
+from haptic_driver.textures.reach import Demand, demand
+from model.description import ModelDescription
+
+MEMORY_BYTES = 256 << 20
+TIME_S = 5.0
+START_TIMEOUT_S = 60.0  # of the process, on a busy machine
+PATIENCE_S = 0.2  # for another request to end: who waits holds a thread of the API
+NICENESS = 19  # the most, whatever control has
+
+
+class Loader:
+    """The process as control sees it; started again when it is needed. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._child: Child | None = None
+        self._link: Connection | None = None
+        self._is_ready = False
+
+    def start(self) -> None:
+        """Begin to start it, so that the first request does not wait so long."""
+        with self._lock:
+            self._start()
+
+    def texture(self, name: str, reachable_cof: tuple[float, float]) -> tuple[Target, Demand]:
+        """A texture or script, and what it asks of a surface that reaches so far. Raises HapticError."""
+        found: tuple[Target, Demand] = self._ask(_texture, name, reachable_cof)
+        return found
+
+    def model(self, name: str) -> ModelDescription:
+        """A model. Raises HapticError."""
+        found: ModelDescription = self._ask(load_model, name)
+        return found
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Its process id, while there is one."""
+        child = self._child
+        return {"loader": child.pid} if child is not None else {}
+
+    def close(self) -> None:
+        """End it."""
+        with self._lock:
+            self._end()
+
+    def _ask(self, work: Callable[..., Any], name: str, *arguments: Any) -> Any:
+        if not self._lock.acquire(timeout=PATIENCE_S):
+            raise RefusedError("loading", "something else is being loaded", "ask again when it is there")
+        try:
+            child, link = self._ready()
+            timer = threading.Timer(TIME_S, child.kill)
+            timer.start()
+            try:
+                link.send((work, name, *arguments))
+                is_given, answer = pickle.loads(link.recv_bytes(2 * TARGET_BYTES))
+            except (OSError, EOFError):
+                self._end()
+                raise _too_much(name) from None
+            finally:
+                timer.cancel()
+        finally:
+            self._lock.release()
+        if not is_given:
+            is_bad_input, content = answer
+            raise (BadInputError if is_bad_input else HapticError)(**content)
+        return answer
+
+    def _ready(self) -> tuple[Child, Connection]:
+        child, link = self._start()
+        if not self._is_ready:
+            try:
+                child.ready(START_TIMEOUT_S)
+            except HapticError:
+                self._end()
+                raise
+            self._is_ready = True
+        return child, link
+
+    def _start(self) -> tuple[Child, Connection]:
+        if self._child is not None and self._child.ended is not None:
+            self._end()
+        if self._child is None or self._link is None:
+            ours, theirs = socket.socketpair()
+            with theirs:
+                self._link = Connection(ours.detach())
+                self._child = Child("loader", __name__, [theirs.fileno()], descriptors=[theirs.fileno()])
+        return self._child, self._link
+
+    def _end(self) -> None:
+        child, link, self._child, self._link, self._is_ready = self._child, self._link, None, None, False
+        if link is not None:
+            link.close()
+        if child is not None:
+            child.kill()
+
+
+def _texture(name: str, reachable_cof: tuple[float, float]) -> tuple[Target, Demand]:
+    target = load(name, texture_dirs()).target
+    return target, demand(target, reachable_cof)
+
+
+def _too_much(name: str) -> BadInputError:
+    said = f"{name[:200]} takes more than {TIME_S:g} s or {MEMORY_BYTES >> 20} MiB to read"
+    return BadInputError("too_much", said, "make it smaller")
+
+
+def _answer(work: Callable[..., Any], name: str, *arguments: Any) -> bytes:
+    try:
+        said = pickle.dumps((True, work(name, *arguments)), protocol=5)
+        return said if len(said) <= 2 * TARGET_BYTES else _refusal(_too_much(name))
+    except HapticError as error:
+        return _refusal(error)
+
+
+def _refusal(error: HapticError) -> bytes:
+    return pickle.dumps((False, (isinstance(error, BadInputError), error.content)))
+
+
+def _bounded() -> None:
+    """From here on."""
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    most_bytes = pages * resource.getpagesize() + MEMORY_BYTES
+    resource.setrlimit(resource.RLIMIT_AS, (most_bytes, most_bytes))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def main() -> int:
+    """Answer until control hangs up."""
+    import scipy.interpolate  # noqa: F401, PLC0415  (what is read may need it)
+    from PIL import PngImagePlugin  # noqa: F401, PLC0415
+
+    with Connection(int(sys.argv[1])) as link:
+        _bounded()
+        print(json.dumps({"ready": True}), flush=True)
+        while True:
+            try:
+                asked = link.recv()
+            except EOFError:
+                return 0
+            signal.alarm(2 * math.ceil(TIME_S))  # control has given up long before, or is gone
+            try:
+                said = _answer(*asked)
+            except MemoryError:
+                link.send_bytes(_refusal(_too_much(asked[1])))
+                return 1  # what is left of the memory is in pieces
+            link.send_bytes(said)
+            signal.alarm(0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
