@@ -70,7 +70,11 @@ def _write_next_plan(steps: Sequence[Mapping[str, Any]], path: Path) -> Path | N
 def _show(found: dict[str, Any], out: Path, plan: Path | None) -> None:
     still = "" if found["adequate"] else " (the model is not adequate yet)"
     stdout.print(Text.assemble("verdict: ", (found["verdict"], "bold"), still))
+    for said in found["learned"]["words"] if found["learned"] else ():
+        stdout.print(f"  {said}")
     for effect in found["effects"]:
+        if effect["name"] == LEARNED:  # no cause and no name: its values are in the model's file
+            continue
         values = ", ".join(
             f"{name} = {p['value']:.3g} ± {p['std']:.2g} {p['unit']}" for name, p in effect["parameters"].items()
         )

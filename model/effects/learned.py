@@ -52,25 +52,27 @@ QUANTITIES: dict[str, Quantity] = {
 
 @dataclass(frozen=True)
 class Term:
-    """One summand: its inputs, one or two, and the nodes of each in SI units, whose ends are the range measured."""
+    """One summand: its inputs, one or two, and the nodes of each in SI units, whose ends are the range measured.
+
+    `amplitude`: one prior standard deviation of what it adds to log(quantity).
+    """
 
     inputs: tuple[str, ...]
     nodes: tuple[tuple[float, ...], ...]
+    amplitude: float = 1.0
 
 
 @dataclass(frozen=True)
 class LearnedForm:
     """Which quantity is learned, as which shape of which inputs.
 
-    `amplitude`: one prior standard deviation of log(quantity); `with_phase`: its phase is shifted likewise;
-    `lowest_voltage_v` measured: below it what depends on frequency fades out as the force does, for without voltage
-    there is no frequency.
+    `with_phase`: its phase is shifted likewise; `lowest_voltage_v` measured: below it what depends on frequency fades
+    out as the force does, for without voltage there is no frequency.
     """
 
     acts_on: str
     shape: Shape
     terms: tuple[Term, ...]
-    amplitude: float
     lowest_voltage_v: float
     with_phase: bool = False
 
@@ -86,8 +88,13 @@ class LearnedForm:
         return {name: (0.0 if name == "voltage_v" else low, high) for name, (low, high) in found.items()}
 
     def outside(self, drive: Drive) -> str:
-        """Which input of a drive lies outside the range measured, in words; empty where none does."""
+        """Which setting of a drive lies outside the range measured, in words; empty where none does.
+
+        Speed and time do not count: fingers slide as they do, and the term is held at the nearest end.
+        """
         for name, (low, high) in self.ranges.items():
+            if name in NEEDED:
+                continue
             asked = np.broadcast_to(getattr(drive, name), np.broadcast_shapes(*map(np.shape, vars(drive).values())))
             asked = asked[np.broadcast_to(drive.voltage_v, asked.shape) > 0.0] if name == "frequency_hz" else asked
             slack = 1e-9 * max(abs(low), abs(high))
@@ -228,32 +235,32 @@ class Learned(Effect):
 def learned_kind(form: LearnedForm) -> type[Learned]:
     """The effect class of a form: one parameter per node, or those of its formulas."""
     entries: list[tuple[str, type, Any]] = []
+    phases: list[tuple[str, type, Any]] = []
     for term in form.terms:
         if form.shape == "spline":
             grid = product(*(range(len(nodes)) for nodes in term.nodes))
             names = ["_".join(f"{n}_{i}" for n, i in zip(term.inputs, at, strict=True)) for at in grid]
-            entries += [
-                (name, float, linear_parameter("1", 0.0, form.amplitude, (-20.0, 20.0), off=0.0)) for name in names
-            ]
+            entries += [(name, float, _value("1", term.amplitude)) for name in names]
+            phases += [(f"{name}_rad", float, _value("rad", term.amplitude)) for name in names]
         else:
-            entries += [(f"{term.inputs[0]}_{name}", float, p) for name, p in _of_formula(form, term).items()]
-    if form.with_phase:
-        entries += [
-            (f"{name}_rad", kind, linear_parameter("rad", 0.0, form.amplitude, (-20.0, 20.0), off=0.0))
-            for name, kind, _ in entries
-        ]
+            entries += [(f"{term.inputs[0]}_{name}", float, p) for name, p in _of_formula(form.shape, term).items()]
+    entries += phases if form.with_phase else []
     needs = tuple(name for name in NEEDED if any(name in term.inputs for term in form.terms))
     return make_dataclass(
         "Learned", entries, bases=(Learned,), frozen=True, namespace={"form": form, "stage": form.place, "needs": needs}
     )
 
 
-def _of_formula(form: LearnedForm, term: Term) -> Mapping[str, Any]:
-    if form.shape == "power":
-        return {"exponent": linear_parameter("1", 0.0, form.amplitude, (-20.0, 20.0), off=0.0)}
+def _value(unit: str, std: float) -> Any:
+    return linear_parameter(unit, 0.0, std, (-20.0, 20.0), off=0.0)
+
+
+def _of_formula(shape: Shape, term: Term) -> Mapping[str, Any]:
+    if shape == "power":
+        return {"exponent": _value("1", term.amplitude)}
     name, usual = term.inputs[0], middle(term.inputs[0], term.nodes[0])
     scale = log_parameter(UNITS[name], usual, 4.0, (1e-6 * usual, 1e6 * usual), off=usual)
-    known = {"amount": linear_parameter("1", 0.0, 2.0 * form.amplitude, (-20.0, 20.0), off=0.0), "scale": scale}
-    if form.shape == "step":
+    known = {"amount": _value("1", 2.0 * term.amplitude), "scale": scale}
+    if shape == "step":
         known["steepness"] = log_parameter("1", 3.0, 2.0, (0.1, 30.0), off=1.0)
     return known
