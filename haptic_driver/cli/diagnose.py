@@ -17,6 +17,7 @@ from haptic_driver.surface.models import load_model
 from model.diagnosis.data import read_measurements, together
 from model.diagnosis.report import write_report
 from model.diagnosis.workflow import diagnose as run
+from model.effects.learned import LEARNED
 from model.touch import SPEED_REFERENCE_M_S
 
 
