@@ -2,8 +2,8 @@
 
 For each quantity that a term may multiply (`model.effects.learned`), free-form terms of the same prior are pushed
 through the model, linearised where it stands, and the best is fitted; inputs are added as long as the evidence asks
-for them. The places are weighed by what these fits explain. Sessions that no fit has seen decide how many inputs the
-term has, whether a short formula does as well, and whether the gap shrinks at all.
+for them. The places are weighed by what these fits explain. Sessions that no fit has seen, with place, inputs and
+values chosen anew without each of them, decide whether a short formula does as well, and whether the gap shrinks.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.naming import Candidate, candidate
-from model.diagnosis.proof import Proof, prove
+from model.diagnosis.proof import Proof, Selected, held_out
 from model.diagnosis.rival import evidence, log_marginal
 from model.effects.learned import LEARNED, LOG_INPUTS, QUANTITIES, SHAPES, LearnedForm, Term, learned_kind, scaled
 from model.support.arrays import Array, Mask
@@ -38,7 +38,6 @@ ALIKE = 0.95  # of the probability, held by the places that are not told apart
 # what is explained says nothing about the place. Pilot sets (seed 7401): without this a wrong place was given 0.97.
 FORM_ERROR = 0.02
 PREFERRED = "friction"  # of those: what reads friction has the most ways to be wrong
-AS_GOOD = 0.02  # of the held-out error: that much more a simpler term may leave
 OF_THE_SMOOTH = 0.9  # share of what the smooth term closes that a short formula must close
 FORMULA_STARTS = (0.0, -1.0, 1.0)
 
@@ -48,8 +47,8 @@ class LearnedTerm:
     """What was learned: its fit, the places of the chain with their probabilities, and the proof on held-out data.
 
     `alike`: the places, most probable first, that these data cannot tell apart; the term stands at one of them. In
-    each fold of `proof` the term's values are fitted anew; place and inputs are those that all data chose.
-    `smooth_closed`: share of the gap that the smooth term closes, by which a short formula was judged.
+    each fold of `proof` place, inputs and values are chosen anew; its `inclusion` is the share of folds with the same
+    place. `smooth_closed`: share of the gap that the smooth term closes, by which a short formula was judged.
     """
 
     form: LearnedForm
@@ -71,6 +70,12 @@ class _Tried(NamedTuple):
     log_evidence: float
 
 
+class _Choice(NamedTuple):
+    tried: _Tried
+    places: dict[str, float]
+    alike: tuple[str, ...]
+
+
 def learn(
     description: ModelDescription,
     data: Measurements,
@@ -83,47 +88,51 @@ def learn(
     """The term that closes the gap which `base` leaves; None where the model has one already, or none is worth it."""
     if LEARNED in description.effect_parameters:
         return None
-    paths: dict[str, list[_Tried]] = {}
-    for name, quantity in QUANTITIES.items():
-        progress(f"learned: {quantity.words}")
-        if path := _path(problem, base.fit, name):
-            paths[name] = path
+    progress("learned term")
+    choice = _choose(problem, base.fit)
+    if choice is None:
+        return None
+    (form, fit, _), places, alike = choice
+
+    def select(inner: Problem, without: Fit) -> list[Selected]:
+        anew = _choose(inner, without)
+        if anew is None:
+            return [Selected(without, False)] * len(SHAPES)
+        smooth = anew.tried
+        fits = [smooth.fit, *(_fitted(inner, without, short).fit for short in _formulas(smooth.form))]
+        return [Selected(f, smooth.form.place == form.place) for f in fits + fits[:1] * (len(SHAPES) - len(fits))]
+
+    scale = base.beside_discrepancy.scale
+    proofs = held_out(description, data, problem.noise, select, base.fit.vector, scale, seed, progress)
+    proof = proofs[0]
+    for short, its_proof in zip(_formulas(form), proofs[1:], strict=False):
+        if its_proof.gap_closed >= OF_THE_SMOOTH * proofs[0].gap_closed:
+            (form, fit, _), proof = _fitted(problem, base.fit, short), its_proof
+            break
+    found = candidate(problem, discrepancy, fit.kinds, fit)
+    return LearnedTerm(form, found, places, alike, proof, proofs[0].gap_closed)
+
+
+def _choose(problem: Problem, base: Fit) -> _Choice | None:
+    """The smooth term at its place, and the places by their probability; None where the evidence asks for no term."""
+    paths = {name: path for name in QUANTITIES if (path := _path(problem, base, name))}
     if not paths:
         return None
     logs = {name: path[-1].log_evidence for name, path in paths.items()}
-    gain = max(logs.values()) - evidence(base.fit, problem.noise).log_evidence
+    gain = max(logs.values()) - evidence(base, problem.noise).log_evidence
     places = _places({name: log / (1.0 + FORM_ERROR * gain) for name, log in logs.items()})
     alike = _alike(places)
     place = PREFERRED if PREFERRED in alike else alike[0]
-    path = max((paths[n] for n in paths if QUANTITIES[n].place == place), key=lambda p: p[-1].log_evidence)
-
-    def proved(tried: _Tried) -> tuple[Candidate, Proof]:
-        progress(f"learned: held out, {tried.form.shape} of {len(tried.form.terms)}")
-        found, scale = candidate(problem, discrepancy, tried.fit.kinds, tried.fit), base.beside_discrepancy.scale
-        return found, prove(description, data, problem.noise, found, [], scale, seed, lambda _: None)
-
-    proofs = [proved(tried) for tried in path]
-    least = min(_left(proof) for _, proof in proofs)
-    form, (found, proof) = next(
-        (tried.form, p) for tried, p in zip(path, proofs, strict=True) if _left(p[1]) <= (1.0 + AS_GOOD) * least
-    )
-    smooth = proof.gap_closed
-    for short in _formulas(form):
-        shorter, its_proof = proved(_fitted(problem, base.fit, short))
-        if its_proof.gap_closed >= OF_THE_SMOOTH * smooth:
-            form, found, proof = short, shorter, its_proof
-            break
-    return LearnedTerm(form, found, places, alike, proof, smooth)
-
-
-def _left(proof: Proof) -> float:
-    return float(np.mean(proof.after)) if proof.after.size else np.inf
+    name = max((n for n in paths if QUANTITIES[n].place == place), key=lambda n: logs[n])
+    return _Choice(paths[name][-1], places, alike)
 
 
 def _fitted(problem: Problem, base: Fit, form: LearnedForm) -> _Tried:
     kind = learned_kind(form)
-    starts = (0.0,) if form.shape == "spline" else FORMULA_STARTS
-    fit = problem.best_fit((kind,), base.vector, starts)
+    if form.shape == "spline":  # all but linear: one valley
+        fit = problem.fit((kind,), np.concatenate([base.vector, np.zeros(len(kind.parameters()))]))
+    else:
+        fit = problem.best_fit((kind,), base.vector, FORMULA_STARTS)
     return _Tried(form, fit, evidence(fit, problem.noise).log_evidence)
 
 
