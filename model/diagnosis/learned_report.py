@@ -39,9 +39,8 @@ def _words(found: LearnedTerm) -> list[str]:
     inputs = " and of ".join(" with ".join(term.inputs) for term in form.terms)
     shape = "a smooth term" if form.shape == "spline" else f"a short formula, {_formula(found)},"
     ends = [f"{name} {low:g} to {high:g} {UNITS[name]}" for name, (low, high) in form.ranges.items()]
-    low, high = found.proof.interval
-    closed = f"{min(found.proof.gap_closed, 1.0):.0%}"
-    proof = f"On data left out of the fit it closes {closed} of the gap (95 % interval {low:.0%} to {high:.0%})"
+    closed, low, high = (f"{min(x, 1.0):.0%}" for x in (found.proof.gap_closed, *found.proof.interval))
+    proof = f"On data left out of the fit it closes {closed} of the gap (95 % interval {low} to {high})"
     kept = "; it is in model.toml as effect learned." if found.is_proved else ", too little to be put into model.toml."
     return [
         place + alike,

@@ -106,12 +106,18 @@ class LearnedForm:
         """What each value at a node counts in g under a drive, in the order of the parameters; shapes broadcast."""
         found = []
         for term in self.terms:
-            each = [spline_weights(scaled(n, drive, nodes), scaled_nodes(n, nodes)) for n, nodes in _pairs(term)]
-            shares = [self._share(term, drive) * each[0][..., i] for i in range(each[0].shape[-1])]
-            found += shares if len(each) == 1 else [a * each[1][..., j] for a in shares for j in _last(each[1])]
+            first, *second = (
+                spline_weights(scaled(name, drive, nodes), scaled_nodes(name, nodes))
+                for name, nodes in zip(term.inputs, term.nodes, strict=True)
+            )
+            columns = [self.share(term, drive) * w for w in np.moveaxis(first, -1, 0)]
+            for other in second:
+                columns = [w * x for w in columns for x in np.moveaxis(other, -1, 0)]
+            found += columns
         return found
 
-    def _share(self, term: Term, drive: Drive) -> Array:
+    def share(self, term: Term, drive: Drive) -> Array:
+        """How much of a term there is: of frequency, as much as there is of the force."""
         if "frequency_hz" not in term.inputs:
             return np.ones(1)
         square = np.square(np.asarray(drive.voltage_v) / self.lowest_voltage_v)
@@ -126,14 +132,6 @@ class LearnedForm:
             return values[0] * np.log(np.maximum(x, 1e-3 * usual) / usual)
         steepness = values[2] if self.shape == "step" else 1.0
         return values[0] / (1.0 + (values[1] / np.maximum(x, 1e-6 * usual)) ** steepness)
-
-
-def _pairs(term: Term) -> list[tuple[str, tuple[float, ...]]]:
-    return list(zip(term.inputs, term.nodes, strict=True))
-
-
-def _last(weights: Array) -> range:
-    return range(weights.shape[-1])
 
 
 def scaled(name: str, drive: Drive, nodes: tuple[float, ...]) -> Array:
@@ -187,17 +185,14 @@ class Learned(Effect):
         values: list[Values] = [getattr(self, p.name) for p in self.parameters()]
         if self.form.shape == "spline":
             weights = self.form.weights(drive)
-            count = len(weights)
-            total = sum(w * y for w, y in zip(weights, values[:count], strict=True))
-            return (
-                total + 1j * sum(w * y for w, y in zip(weights, values[count:], strict=True))
-                if values[count:]
-                else total
+            log, phase = (
+                sum(w * y for w, y in zip(weights, y_s, strict=False)) for y_s in (values, values[len(weights) :])
             )
-        each = len(values) // len(self.form.terms)
-        shares = [self.form._share(term, drive) for term in self.form.terms]
-        formulas = [self.form.formula(t, values[i * each :], drive) for i, t in enumerate(self.form.terms)]
-        return np.asarray(sum(share * g for share, g in zip(shares, formulas, strict=True)))
+            return log + 1j * phase if self.form.with_phase else log
+        each, factors = len(values) // len(self.form.terms), []
+        for i, term in enumerate(self.form.terms):
+            factors.append(self.form.share(term, drive) * self.form.formula(term, values[i * each :], drive))
+        return np.asarray(sum(factors))
 
     def drive(self, drive: Drive) -> Drive:
         """See `Effect`."""
