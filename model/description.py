@@ -167,9 +167,9 @@ def _read_effects(table: Any, form: LearnedForm | None, path: Path) -> dict[str,
     kinds = BY_NAME if form is None else BY_NAME | {LEARNED: learned_kind(form)}
     read: dict[str, dict[str, Parameter]] = {}
     for key, values in table.items():
+        known = {p.name: (p.unit, p.low, p.high) for p in kinds[key].parameters()} if key in kinds else {}
         if not isinstance(values, dict):
-            raise ModelError(f"{where}: {key} is not a table", "Compare with docs/physics.md")
-        known = {p.name: (p.unit, p.low, p.high) for p in kinds[key].parameters()}
+            raise ModelError(f"{where}: {key} is not a table", f"Give {', '.join(known or KEYS)}")
         given = {k: v for k, v in values.items() if key != LEARNED or k not in KEYS}
         _check_keys(given, list(known), f"{path}, [effects.{key}]")
         read[key] = _read_numbers(given, known, f"{path}, [effects.{key}]")

@@ -159,3 +159,6 @@ def test_without_its_form_it_is_unknown(tmp_path) -> None:
     path.write_text(f"{SHIPPED}\n[effects.learned]\nfrequency_hz_0 = 0.1\n")
     with pytest.raises(ModelError, match="acts_on is missing"):
         read_model(path)
+    path.write_text(f"{SHIPPED}\n[effects]\nlearned = 3\n")
+    with pytest.raises(ModelError, match="learned is not a table"):
+        read_model(path)
