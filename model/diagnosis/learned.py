@@ -102,7 +102,7 @@ def learn(
         fits = [smooth.fit, *(_fitted(inner, without, short).fit for short in _formulas(smooth.form))]
         return [Selected(f, smooth.form.place == form.place) for f in fits + fits[:1] * (len(SHAPES) - len(fits))]
 
-    scale = base.beside_discrepancy.scale
+    scale = evidence(fit, problem.noise).scale  # of the noise as the smooth term leaves it
     proofs = held_out(description, data, problem.noise, select, base.fit.vector, scale, seed, progress)
     proof = proofs[0]
     for short, its_proof in zip(_formulas(form), proofs[1:], strict=False):
