@@ -11,10 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from model.effects import BY_NAME, Effect
+from model.effects.learned import LEARNED, LearnedForm, learned_kind
 from model.electric.dielectrics import Dielectric, PowerLaw, named, read_csv
+from model.learned_file import KEYS, read_form
 from model.parameters import FRICTION_LAWS, SPECIFICATION, FrictionLaw, Parameter, TouchParameters
 from model.support.errors import ModelError, nearest
 from model.support.files import read_toml
+from model.touch import Drive
 
 VARIANTS = ("corrected", "published", "published_absolute")  # the last two: `published.py`
 Known = tuple[str, float, float]  # unit and range of a number
@@ -28,7 +31,7 @@ POWER_LAW = {
 
 @dataclass(frozen=True)
 class ModelDescription:
-    """A model as its file describes it; `variant` is one of `VARIANTS`."""
+    """A model as its file describes it; `variant` is one of `VARIANTS`, `learned_form` that of the effect `learned`."""
 
     name: str
     about: str
@@ -37,6 +40,7 @@ class ModelDescription:
     parameters: dict[str, Parameter]
     effect_parameters: dict[str, dict[str, Parameter]] = field(default_factory=dict)
     variant: str = "corrected"
+    learned_form: LearnedForm | None = None
 
     @property
     def is_published(self) -> bool:
@@ -50,11 +54,24 @@ class ModelDescription:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects that are switched on, in the catalogue's order."""
+        """The effects that are switched on, in the catalogue's order, a learned one last."""
         on = self.effect_parameters
         return tuple(
-            effect(**{name: p.value for name, p in on[key].items()}) for key, effect in BY_NAME.items() if key in on
+            kind(**{name: p.value for name, p in on[key].items()}) for key, kind in self.kinds.items() if key in on
         )
+
+    @property
+    def kinds(self) -> dict[str, type[Effect]]:
+        """Every effect that may be on, by name."""
+        return BY_NAME if self.learned_form is None else BY_NAME | {LEARNED: learned_kind(self.learned_form)}
+
+    def outside(self, drive: Drive) -> str:
+        """Which input lies outside the range of what was learned, in words; empty where none does."""
+        if self.learned_form is None:
+            return ""
+        for effect in self.effects:
+            drive = drive if effect.name == LEARNED else effect.drive(drive)
+        return self.learned_form.outside(drive)
 
     def provenance(self) -> dict[str, Any]:
         """Everything that identifies this model, as JSON can hold it."""
@@ -69,6 +86,7 @@ class ModelDescription:
             "effects": {
                 key: {name: asdict(p) for name, p in values.items()} for key, values in self.effect_parameters.items()
             },
+            **self._learned(),
         }
 
     @property
@@ -80,8 +98,12 @@ class ModelDescription:
             "dielectric": _numbers_of(self.dielectric),
             "values": asdict(self.values),
             "effects": [[effect.name, asdict(effect)] for effect in self.effects],
+            **self._learned(),
         }
         return hashlib.sha256(json.dumps(physics, sort_keys=True).encode()).hexdigest()[:16]
+
+    def _learned(self) -> dict[str, Any]:
+        return {} if self.learned_form is None else {"learned_form": asdict(self.learned_form)}
 
 
 def read_model(path: Path) -> ModelDescription:
@@ -97,14 +119,18 @@ def read_model(path: Path) -> ModelDescription:
     law = content.get("friction_law", "applied_load" if variant == "corrected" else "total_load")
     if law not in FRICTION_LAWS:
         raise ModelError(f"{path}: friction_law '{law}' is unknown", nearest(str(law), list(FRICTION_LAWS)))
+    effects = content.get("effects", {})
+    learned = effects.get(LEARNED) if isinstance(effects, dict) else None
+    form = read_form(learned, f"{path}, [effects.{LEARNED}]") if isinstance(learned, dict) else None
     return ModelDescription(
         name=str(content.get("name", path.stem)),
         about=str(content.get("about", "")),
         dielectric=_read_dielectric(content.get("dielectric", {"set": "gabriel_dry"}), path),
         friction_law=law,
         parameters=_read_parameters(content.get("parameters", {}), path),
-        effect_parameters=_read_effects(content.get("effects", {}), path),
+        effect_parameters=_read_effects(effects, form, path),
         variant=variant,
+        learned_form=form,
     )
 
 
@@ -129,18 +155,20 @@ def _read_parameters(table: Any, path: Path) -> dict[str, Parameter]:
     return read
 
 
-def _read_effects(table: Any, path: Path) -> dict[str, dict[str, Parameter]]:
+def _read_effects(table: Any, form: LearnedForm | None, path: Path) -> dict[str, dict[str, Parameter]]:
     where = f"{path}, [effects]"
     if not isinstance(table, dict):
         raise ModelError(f"{where}: is not a table", "For example: [effects.series_resistance] resistance_ohm = 1e4")
-    _check_keys(table, list(BY_NAME), where)
+    _check_keys(table, [*BY_NAME, LEARNED], where)
+    kinds = BY_NAME if form is None else BY_NAME | {LEARNED: learned_kind(form)}
     read: dict[str, dict[str, Parameter]] = {}
     for key, values in table.items():
-        known = {p.name: (p.unit, p.low, p.high) for p in BY_NAME[key].parameters()}
+        known = {p.name: (p.unit, p.low, p.high) for p in kinds[key].parameters()} if key in kinds else {}
         if not isinstance(values, dict):
-            raise ModelError(f"{where}: {key} is not a table", f"Give {', '.join(known)}")
-        _check_keys(values, list(known), f"{path}, [effects.{key}]")
-        read[key] = _read_numbers(values, known, f"{path}, [effects.{key}]")
+            raise ModelError(f"{where}: {key} is not a table", f"Give {', '.join(known or KEYS)}")
+        given = {k: v for k, v in values.items() if key != LEARNED or k not in KEYS}
+        _check_keys(given, list(known), f"{path}, [effects.{key}]")
+        read[key] = _read_numbers(given, known, f"{path}, [effects.{key}]")
     return read
 
 

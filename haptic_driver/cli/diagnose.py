@@ -17,6 +17,7 @@ from haptic_driver.surface.models import load_model
 from model.diagnosis.data import read_measurements, together
 from model.diagnosis.report import write_report
 from model.diagnosis.workflow import diagnose as run
+from model.effects.learned import LEARNED
 from model.touch import SPEED_REFERENCE_M_S
 
 
@@ -70,7 +71,11 @@ def _write_next_plan(steps: Sequence[Mapping[str, Any]], path: Path) -> Path | N
 def _show(found: dict[str, Any], out: Path, plan: Path | None) -> None:
     still = "" if found["adequate"] else " (the model is not adequate yet)"
     stdout.print(Text.assemble("verdict: ", (found["verdict"], "bold"), still))
+    for said in found["learned"]["words"] if found["learned"] else ():
+        stdout.print(f"  {said}")
     for effect in found["effects"]:
+        if effect["name"] == LEARNED:  # no cause and no name: its values are in the model's file
+            continue
         values = ", ".join(
             f"{name} = {p['value']:.3g} ± {p['std']:.2g} {p['unit']}" for name, p in effect["parameters"].items()
         )

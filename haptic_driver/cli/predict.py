@@ -54,7 +54,10 @@ def predict(
         columns = _columns(given)
     description = load_model(model)
     try:
-        answer = TouchModel(description).predict(Conditions(**columns))
+        conditions = Conditions(**columns)
+        if beyond := description.outside(conditions.drive()):
+            raise ModelError(f"effect learned knows nothing at {beyond}", "Ask within its range, or measure there")
+        answer = TouchModel(description).predict(conditions)
     except ModelError as error:
         raise BadInputError("bad_condition", f"{table}, {error.message}", error.hint) from error
     answers = _answers(answer, any(effect.stage == "drive" for effect in description.effects))

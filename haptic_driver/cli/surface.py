@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,9 +10,9 @@ import numpy as np
 import typer
 from typer import Argument, Option
 
-from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
+from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stderr, stdout
 from haptic_driver.rig.config import load_rig
-from haptic_driver.surface.build import SurfaceAxes, build_surface
+from haptic_driver.surface.build import SurfaceAxes, axes_within, build_surface
 from haptic_driver.surface.file import SurfaceFile, read_surface
 from haptic_driver.surface.models import load_model
 
@@ -27,21 +28,26 @@ def build(
     frequency_count: Annotated[int, Option(help="Points along frequency.")] = AXES.frequency_count,
     voltage_count: Annotated[int, Option(help="Points along voltage.")] = AXES.voltage_count,
     force_count: Annotated[int, Option(help="Points along normal force.")] = AXES.normal_force_count,
-    voltage_high_v: Annotated[float, Option(help="Highest voltage, V peak.")] = AXES.voltage_high_v,
+    voltage_high_v: Annotated[
+        float | None, Option(help=f"Highest voltage, V peak (by default {AXES.voltage_high_v:g}).")
+    ] = None,
     interval: Annotated[bool, Option(help="Store how far friction may be off (about a second).")] = True,
     as_json: Json = False,
 ) -> None:
     """Solve the model over frequency, voltage and normal force and write the surface.
 
+    A model with a learned effect has a range: frequency and normal force, and voltage unless it is given, end there.
+
     Example: `haptic surface build --model reference --out surface.h5`
     """
-    axes = SurfaceAxes(
-        frequency_count=frequency_count,
-        voltage_count=voltage_count,
-        normal_force_count=force_count,
-        voltage_high_v=voltage_high_v,
-    )
-    surface = build_surface(load_model(model), load_rig(rig).operating_limits(), axes, interval)
+    description = load_model(model)
+    counts = SurfaceAxes(frequency_count=frequency_count, voltage_count=voltage_count, normal_force_count=force_count)
+    axes = axes_within(description, counts)
+    if axes != counts:
+        stderr.print(f"note: the surface ends where effect learned of model '{description.name}' does")
+    if voltage_high_v is not None:
+        axes = replace(axes, voltage_high_v=voltage_high_v)
+    surface = build_surface(description, load_rig(rig).operating_limits(), axes, interval)
     surface.write(out)
     payload = {"out": str(out), **describe(surface)}
     report(as_json, payload, lambda: stdout.print(f"{out}: {_summary(surface)}"))

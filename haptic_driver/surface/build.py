@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
@@ -16,7 +16,7 @@ from haptic_driver.render.correction import Correction
 from haptic_driver.signals import Array
 from haptic_driver.surface.file import CofInterval, SurfaceFile
 from model.analysis import uncertainty
-from model.conditions import Conditions
+from model.conditions import Conditions, sines
 from model.description import ModelDescription
 from model.touch import SPEED_REFERENCE_M_S
 from model.touch_model import TouchModel
@@ -77,6 +77,24 @@ class SurfaceAxes:
         return np.geomspace(self.normal_force_low_n, self.normal_force_high_n, self.normal_force_count)
 
 
+def axes_within(description: ModelDescription, axes: SurfaceAxes | None = None) -> SurfaceAxes:
+    """The part of the axes (the usual ones by default) for which a model answers: a learned effect has a range."""
+    axes = axes or SurfaceAxes()
+    if description.learned_form is None:
+        return axes
+    ranges = description.learned_form.ranges
+    frequency = ranges.get("frequency_hz", (axes.frequency_low_hz, axes.frequency_high_hz))
+    load = ranges.get("normal_force_n", (axes.normal_force_low_n, axes.normal_force_high_n))
+    return replace(
+        axes,
+        frequency_low_hz=max(axes.frequency_low_hz, frequency[0]),
+        frequency_high_hz=min(axes.frequency_high_hz, frequency[1]),
+        voltage_high_v=min(axes.voltage_high_v, ranges.get("voltage_v", (0.0, axes.voltage_high_v))[1]),
+        normal_force_low_n=max(axes.normal_force_low_n, load[0]),
+        normal_force_high_n=min(axes.normal_force_high_n, load[1]),
+    )
+
+
 def build_surface(
     description: ModelDescription,
     limits: OperatingLimits,
@@ -87,10 +105,14 @@ def build_surface(
 
     `limits` only mark `within_limits`, the rig applies its own. A quarter of a second of one core, half a second with
     the slowest effects, twice as much again with an interval (`benchmarks/surface_rebuild.py`); a new roughness shape
-    needs a gap table first, a second, once.
+    needs a gap table first, a second, once. Without `axes` the usual ones, as far as the model goes; BadInputError
+    where those given reach beyond what a learned effect was learned from.
     """
-    axes = axes or SurfaceAxes()
+    axes = axes or axes_within(description)
     f, v, n = axes.frequency_hz, axes.voltage_v, axes.normal_force_n
+    if outside := description.outside(sines(f[:, None, None], v[:, None], n, SPEED_REFERENCE_M_S, 0.0)):
+        hint = "Build within its range, measure there and diagnose again, or remove [effects.learned]"
+        raise BadInputError("outside_range", f"model '{description.name}' has learned nothing at {outside}", hint)
     touch = TouchModel(description)
     solved = touch.surface(f, v, n)
     interval = None

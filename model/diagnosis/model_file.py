@@ -17,7 +17,9 @@ from model.description import POWER_LAW, ModelDescription
 from model.diagnosis.fit import Fit
 from model.diagnosis.space import Nuisance
 from model.diagnosis.workflow import Diagnosis
+from model.effects.learned import LEARNED
 from model.electric.dielectrics import NAMED, PowerLaw, Tabulated
+from model.learned_file import form_lines
 from model.parameters import SPECIFICATION, Parameter
 from model.support.errors import ModelError
 
@@ -67,13 +69,14 @@ def fitted_effects(fit: Fit, source: str = "") -> dict[str, dict[str, Parameter]
 
 
 def fitted_model(diagnosis: Diagnosis, description: ModelDescription, source_name: str) -> ModelDescription:
-    """The input model with the fitted finger and, where the verdict names any, the effects; unchanged without a fit."""
+    """The input model with the fitted finger and the effects that were named or learned; unchanged without a fit."""
     if diagnosis.findings is None:
         return description
-    verdict = diagnosis.findings.verdict
-    fit, free = verdict.chosen.fit, diagnosis.findings.problem.predictor.free
+    findings = diagnosis.findings
+    fit, free = findings.chosen.fit, findings.problem.predictor.free
     data = f"{Path(source_name).name}, sha256 {diagnosis.data.content_hash[:16]}"
-    effects = fitted_effects(fit, f"fit to {data}") if verdict.is_named else {}
+    effects = fitted_effects(fit, f"fit to {data}") if findings.adds_effects else {}
+    learned = findings.learned if LEARNED in effects else None
     own_name = description.name.removesuffix("-fitted")
     return replace(
         description,
@@ -81,6 +84,7 @@ def fitted_model(diagnosis: Diagnosis, description: ModelDescription, source_nam
         about=f"{description.name}, fitted to {data}: {diagnosis.name}",
         parameters=description.parameters | fitted_nuisances(description, fit, free, f"fit to {data}"),
         effect_parameters=description.effect_parameters | effects,
+        learned_form=description.learned_form if learned is None else learned.form,
     )
 
 
@@ -117,7 +121,8 @@ def model_text(model: ModelDescription, dielectric: Mapping[str, Scalar], origin
         *_parameters(model.parameters),
     ]
     for effect, values in model.effect_parameters.items():
-        lines += ["", f"[effects.{effect}]", *_parameters(values)]
+        form = form_lines(model.learned_form) if effect == LEARNED and model.learned_form else []
+        lines += ["", f"[effects.{effect}]", *form, *_parameters(values)]
     return "\n".join([*lines, *_table("origin", origin), ""])
 
 
@@ -185,10 +190,10 @@ def _origin(diagnosis: Diagnosis, description: ModelDescription, source_name: st
         "parent_hash": description.content_hash,
     }
     if diagnosis.findings is not None:
-        verdict, base = diagnosis.findings.verdict, diagnosis.findings.weighed.base
+        verdict, base, chosen = diagnosis.findings.verdict, diagnosis.findings.weighed.base, diagnosis.findings.chosen
         origin["probability"] = verdict.probability
-        origin["log_evidence"] = float(verdict.chosen.alone.log_evidence)
-        origin["log_evidence_gain"] = float(verdict.chosen.alone.log_evidence - base.alone.log_evidence)
+        origin["log_evidence"] = float(chosen.alone.log_evidence)
+        origin["log_evidence_gain"] = float(chosen.alone.log_evidence - base.alone.log_evidence)
         for name, alike in verdict.group.items():
             if alike:
                 origin[f"{name}_indistinguishable_from"] = ", ".join(alike)

@@ -12,6 +12,7 @@ from typing import Any
 from model.diagnosis.naming import words
 from model.diagnosis.where import ALARM, DRAWS
 from model.diagnosis.witness import BY_COLUMN
+from model.effects.learned import LEARNED
 
 PAGE = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
 PIXELS = 1.65  # of a picture to one of the page
@@ -48,7 +49,9 @@ def sentence(content: Mapping[str, Any]) -> str:
             return f"One of these is missing from the model, and these data cannot tell which: {_and(members, 'or')}."
         return f"Something may be missing from the model; {_and(names)} leads with probability {probability}."
     if content["verdict"] == "unexplained":
-        return "The data disagree with the model, and no effect that this program knows explains how."
+        text = "The data disagree with the model, and no effect that this program knows explains how"
+        closed = content["fit"]["gap_closed"]
+        return text + (f"; a learned term {_closed(closed)}." if names and closed is not None else ".")
     return f"These data cannot test the model: {'; '.join(content['reasons'])}."
 
 
@@ -87,6 +90,7 @@ def write_html(content: Mapping[str, Any], drawn: Mapping[str, bytes], path: Pat
         ("Data and warnings", _audit(content)),
         ("Where data and model disagree", _where(content, drawn)),
         ("Which effect", _which(content, drawn)),
+        ("Learned term", _list(content["learned"]["words"]) if content["learned"] else ""),
         ("Parameters before and after", _before_after(content)),
         ("Proof on data left out of the fit", _proof(content, drawn)),
         ("What to measure next", _next(content)),
@@ -177,7 +181,7 @@ def _which(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
             _probability(c["probability"]),
             _signed(c["log_evidence_gain"]),
             f"{c['chi2_per_point']:.2f}",
-            _values(c["parameters"]),
+            _values({name: p for name, p in c["parameters"].items() if name != LEARNED}),
         ]
         for c in content["candidates"]
     ]
@@ -213,7 +217,7 @@ def _before_after(content: Mapping[str, Any]) -> str:
         fits = [cell for fit in (p["before"], p["after"]) for cell in (_measured(fit), _signed(fit["drift"]))]
         rows.append([p["name"], _plain(p["model"]), *fits, _unit(p)])
     for e in content["effects"]:
-        for name, p in e["parameters"].items():
+        for name, p in e["parameters"].items() if e["name"] != LEARNED else ():  # values at nodes: in model.toml
             rows.append([f"{words(e['name'])}: {name}", "off", "", "", _measured(p), "", _unit(p)])
     head = ["parameter", "in the model", "fitted, as given", "drift", "fitted, with the effect", "drift", "unit"]
     note = '<p class="quiet">Drift: in standard deviations of what is expected between fingers.</p>' if rows else ""

@@ -84,7 +84,7 @@ def percent(difference: Array, witness: int) -> Array:
 def _before_after(data: Measurements, found: Findings) -> list[tuple[str, str, Array]]:
     """Title, colour and residuals of the base model, and of the chosen one where it has an effect."""
     models = [("model as given", BEFORE, found.weighed.base.fit)]
-    chosen = found.verdict.chosen
+    chosen = found.chosen
     if chosen.kinds:
         models.append((f"with {words(chosen.name)}", AFTER, chosen.fit))
     return [(title, colour, residual_percent(found.problem, fit, data)) for title, colour, fit in models]
@@ -258,7 +258,7 @@ def fingerprint(data: Measurements, found: Findings, witness: int = FRICTION) ->
 
 def leaders(found: Findings, most: int = 3) -> list[Candidate]:
     """The chosen model where it has effects, then the most probable single effects."""
-    chosen, probabilities = found.verdict.chosen, found.verdict.probabilities
+    chosen, probabilities = found.chosen, found.verdict.probabilities
     others = sorted(
         (c for c in found.weighed.singles if c.kinds != chosen.kinds),
         key=lambda c: (-probabilities[c.name], -c.alone.log_evidence),
@@ -329,7 +329,7 @@ def _mark(name: str, named: set[str], alike: set[str], untestable: Sequence[str]
 
 def held_out(found: Findings) -> Figure | None:
     """Squared error on data that no fit has seen, fold by fold, before and after; noise alone gives 1."""
-    proof, chosen = found.proof, found.verdict.chosen
+    proof, chosen = found.proof, found.chosen
     if not proof.before.size:
         return None
     count = proof.before.size

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
-from model.diagnosis.fit import Problem
+from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.naming import Candidate
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.rival import evidence
@@ -41,6 +42,13 @@ class Proof:
     inclusion: float
 
 
+class Selected(NamedTuple):
+    """What was chosen without a fold, and whether that is what all data chose."""
+
+    fit: Fit
+    as_chosen: bool
+
+
 def prove(
     description: ModelDescription,
     data: Measurements,
@@ -56,10 +64,34 @@ def prove(
     The chosen model and `rivals` are chosen among anew in each fold. A fold that leaves no noise to fit by, or hardly
     a row to judge, is left out.
     """
+    contenders = [chosen, *[r for r in rivals if r.kinds != chosen.kinds]]
+
+    def select(problem: Problem, _: Fit) -> list[Selected]:
+        fits = [problem.fit(c.kinds, c.fit.vector) for c in contenders]
+        scores = [evidence(f, problem.noise).log_evidence - 3.0 * len(f.kinds) for f in fits]
+        best = fits[int(np.argmax(scores))]
+        return [Selected(best, best.kinds == chosen.kinds)]
+
+    return held_out(description, data, noise, select, chosen.fit.vector, scale, seed, progress)[0]
+
+
+def held_out(
+    description: ModelDescription,
+    data: Measurements,
+    noise: Noise,
+    select: Callable[[Problem, Fit], list[Selected]],
+    start: Array,
+    scale: float,
+    seed: int,
+    progress: Callable[[str], None],
+) -> list[Proof]:
+    """Proofs of the models that `select` makes, without the fold in question, of a problem and its base model's fit.
+
+    As many and in the same order in every fold; base models are fitted from `start`.
+    """
     by, fold = _folds(data, seed)
     free = nuisances(description, data)
     names = [data.session_names[i] if by == "session" else f"block {i + 1}" for i in range(fold.max() + 1)]
-    contenders = [chosen, *[r for r in rivals if r.kinds != chosen.kinds]]
     judged, before, after, kept, weights = [], [], [], [], []
     for i in range(fold.max() + 1):
         progress(f"held out: {names[i]}")
@@ -68,27 +100,33 @@ def prove(
         if inner_noise is None or outside.count < 2:
             continue
         problem = Problem(Predictor(description, inside, free), inside.observed, inner_noise)
-        fits = [problem.fit(c.kinds, c.fit.vector) for c in contenders]
-        base = problem.fit((), chosen.fit.vector[: len(free)])
-        scores = [evidence(f, inner_noise).log_evidence - 3.0 * len(f.kinds) for f in fits]
-        selected = fits[int(np.argmax(scores))]
+        base = problem.fit((), start[: len(free)])
+        selected = select(problem, base)
         outer = Predictor(description, outside, free)
         own_std = noise.own_std[fold == i] * scale
         judged.append(names[i])
         before.append(_error(outer, outside, (), base.vector, own_std))
-        after.append(_error(outer, outside, selected.kinds, selected.vector, own_std))
-        kept.append(selected.kinds == chosen.kinds)
+        after.append([_error(outer, outside, s.fit.kinds, s.fit.vector, own_std) for s in selected])
+        kept.append([s.as_chosen for s in selected])
         weights.append(outside.count)
     if not before:
         nothing = np.empty(0)
-        return Proof(by, (), nothing, nothing, float("nan"), (float("nan"), float("nan")), float("nan"))
-    a, b, w = np.array(before), np.array(after), np.array(weights, dtype=float)
-    rng = np.random.default_rng(seed)
-    draws = rng.integers(0, a.size, (BOOTSTRAPS, a.size))
+        return [Proof(by, (), nothing, nothing, float("nan"), (float("nan"), float("nan")), float("nan"))]
+    w = np.array(weights, dtype=float)
+    draws = np.random.default_rng(seed).integers(0, w.size, (BOOTSTRAPS, w.size))
+    return [
+        _proof(by, tuple(judged), np.array(before), np.array(each), w, draws, float(np.mean(same)))
+        for each, same in zip(zip(*after, strict=True), zip(*kept, strict=True), strict=True)
+    ]
+
+
+def _proof(
+    by: str, folds: tuple[str, ...], a: Array, b: Array, w: Array, draws: NDArray[np.int64], inclusion: float
+) -> Proof:
     closed = [_closed(a[d], b[d], w[d]) for d in draws]
     finite = np.array([c for c in closed if np.isfinite(c)])
     low, high = np.percentile(finite, [2.5, 97.5]) if finite.size else (np.nan, np.nan)
-    return Proof(by, tuple(judged), a, b, _closed(a, b, w), (float(low), float(high)), float(np.mean(kept)))
+    return Proof(by, folds, a, b, _closed(a, b, w), (float(low), float(high)), inclusion)
 
 
 def _folds(data: Measurements, seed: int) -> tuple[str, NDArray[np.intp]]:

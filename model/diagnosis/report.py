@@ -13,6 +13,7 @@ import scipy
 
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
+from model.diagnosis.learned_report import learned_record
 from model.diagnosis.model_file import fitted_effects, fitted_nuisances, program, write_model
 from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN
 from model.diagnosis.next_experiment import next_experiments
@@ -57,6 +58,7 @@ def report(diagnosis: Diagnosis, description: ModelDescription, model_path: str)
         "tests": {"before": None, "after": None},
         "parameters": [],
         "candidates": [],
+        "learned": None,
         "held_out": None,
         "not_tested": [],
         "next_experiments": [],
@@ -72,13 +74,13 @@ def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription
     """What a report says only where something was fitted."""
     verdict, base, proof, rows = found.verdict, found.weighed.base, found.proof, diagnosis.data.count
     on = {effect.name for effect in description.effects}
-    effects = fitted_effects(verdict.chosen.fit) if verdict.is_named else {}
+    effects = fitted_effects(found.chosen.fit) if found.adds_effects else {}
     return {
         "adequate": verdict.adequate,
         "effects": [
             {
                 "name": name,
-                "probability": verdict.probabilities[name],
+                "probability": verdict.probabilities.get(name, verdict.probability),
                 "parameters": {key: _number(p) for key, p in values.items()},
                 "indistinguishable_from": verdict.group.get(name, []),
             }
@@ -86,7 +88,7 @@ def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription
         ],
         "where": [_region(r) for r in found.before.regions],
         "fit": {
-            "chi2_per_point": {"before": base.fit.chi2 / rows, "after": verdict.chosen.fit.chi2 / rows},
+            "chi2_per_point": {"before": base.fit.chi2 / rows, "after": found.chosen.fit.chi2 / rows},
             "held_out_chi2_per_point": {"before": _mean(proof.before), "after": _mean(proof.after)},
             "gap_closed": proof.gap_closed,
             "gap_closed_interval": proof.interval,
@@ -97,6 +99,7 @@ def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription
         "tests": {"before": _tests(found.before), "after": _tests(found.after)},
         "parameters": _parameters(found, description),
         "candidates": _candidates(found, rows),
+        "learned": None if found.learned is None else learned_record(found.learned),
         "held_out": _held_out(diagnosis, found, description),
         "not_tested": [
             {"name": n, "why": "already in the model" if n in on else f"needs {', '.join(BY_NAME[n].needs)}, varied"}
@@ -183,7 +186,7 @@ def _tests(scan: Disagreement) -> Record:
 def _parameters(found: Findings, description: ModelDescription) -> list[Record]:
     """The finger's parameters: in the input model, fitted without and with the effects; drift in prior sd."""
     free = found.problem.predictor.free
-    fits = {"before": found.weighed.base.fit, "after": found.verdict.chosen.fit}
+    fits = {"before": found.weighed.base.fit, "after": found.chosen.fit}
     fitted = {when: fitted_nuisances(description, fit, free) for when, fit in fits.items()}
     return [
         {
@@ -230,10 +233,10 @@ def _held_out(diagnosis: Diagnosis, found: Findings, description: ModelDescripti
 def _best_rival(diagnosis: Diagnosis, found: Findings, description: ModelDescription) -> Record | None:
     """The most probable effect that is not suspected, through the same folds in the noise that the chosen leaves."""
     others = [c for c in found.weighed.singles if c.name not in found.verdict.suspects]
-    if not found.verdict.chosen.kinds or not others:
+    if not found.chosen.kinds or not others:
         return None
     rival = max(others, key=lambda c: c.alone.log_evidence)
-    noise, scale = found.problem.noise, found.verdict.chosen.beside_discrepancy.scale
+    noise, scale = found.problem.noise, found.chosen.beside_discrepancy.scale
     tried = prove(description, diagnosis.data, noise, rival, [], scale, diagnosis.seed, lambda _: None)
     return {
         "name": rival.name,

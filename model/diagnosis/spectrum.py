@@ -37,7 +37,7 @@ def spectrum(data: Measurements, found: Findings) -> Figure | None:
     if min(size.sum(), phase.sum()) < FEWEST or np.unique(data.columns["frequency_hz"][size]).size < FEWEST:
         return None
     figure, (bode, angle, nyquist) = plt.subplots(1, 3, figsize=(13.0, 4.2), layout="constrained")
-    base, chosen = found.weighed.base, found.verdict.chosen
+    base, chosen = found.weighed.base, found.chosen
     shown = [(Look("measured", "", DATA), found.problem.observed)]
     models = [(Look("model as given", "--", BEFORE), base)]
     models += [(Look(f"with {words(chosen.name)}", "-", AFTER), chosen)] if chosen.kinds else []

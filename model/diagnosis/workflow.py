@@ -1,4 +1,7 @@
-"""The diagnosis, step by step: audit, base fit, where, which effect, verdict, proof, next experiment."""
+"""The diagnosis, step by step: audit, base fit, where, which effect, verdict, proof, next experiment.
+
+Where no effect of the catalogue explains the data, a term is learned instead.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ import numpy as np
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Problem
+from model.diagnosis.learned import LearnedTerm, learn
 from model.diagnosis.naming import Candidate, candidate, fit_candidates, testable_effects
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.proof import Proof, prove
@@ -35,7 +39,10 @@ LEADERS = 4  # rivals that take part in the held-out proof
 
 @dataclass(frozen=True)
 class Findings:
-    """What was fitted and what it says; `before` scans the base model's residuals, `after` the chosen one's."""
+    """What was fitted and what it says; `before` scans the base model's residuals, `after` the chosen one's.
+
+    `learned`: the empirical term that stands in where the verdict is `unexplained`, if there is any.
+    """
 
     problem: Problem
     weighed: Weighed
@@ -43,6 +50,17 @@ class Findings:
     before: Disagreement
     after: Disagreement
     proof: Proof
+    learned: LearnedTerm | None = None
+
+    @property
+    def chosen(self) -> Candidate:
+        """The model that the data ask for: the verdict's, or that with the learned term if held-out data prove it."""
+        return self.learned.candidate if self.learned is not None and self.learned.is_proved else self.verdict.chosen
+
+    @property
+    def adds_effects(self) -> bool:
+        """Whether the corrected model carries what `chosen` has, named or learned."""
+        return self.verdict.is_named or self.chosen is not self.verdict.chosen
 
 
 @dataclass(frozen=True)
@@ -88,8 +106,12 @@ def diagnose(
     leaders = sorted(singles, key=lambda c: -c.alone.log_evidence)[:LEADERS]
     scale = verdict.chosen.beside_discrepancy.scale
     proof = prove(description, data, noise, verdict.chosen, leaders, scale, seed, progress)
-    warnings += _nuisance_warnings(problem.predictor.free, verdict.chosen)
     findings = Findings(problem, weighed, verdict, before, scan(verdict.chosen), proof)
+    if verdict.verdict == "unexplained":
+        findings = replace(findings, learned=learn(description, data, problem, base, seed, progress))
+    if findings.learned is not None and findings.learned.is_proved:
+        findings = replace(findings, after=scan(findings.chosen), proof=findings.learned.proof)
+    warnings += _nuisance_warnings(problem.predictor.free, findings.chosen)
     return Diagnosis(data, noise, findings, tuple(warnings), seed)
 
 

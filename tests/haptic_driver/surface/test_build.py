@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.surface.build import SurfaceAxes, build_surface
+from haptic_driver.surface.build import SurfaceAxes, axes_within, build_surface
 from model.conditions import Conditions
+from model.effects.learned import LearnedForm, Term, learned_kind
+from model.parameters import Parameter
 
 ROUNDING = 1e-12
+SMALL = SurfaceAxes(frequency_count=8, voltage_count=4, normal_force_count=4, voltage_high_v=80.0)
 
 
 def test_default_axes_are_what_the_surface_promises():
@@ -124,3 +127,53 @@ def test_an_interval_is_made_where_asked_for_and_says_from_what(model_descriptio
     np.testing.assert_array_equal(found.cof, small_file.cof)
     assert found.provenance["uncertainty"]["numbers"]["roughness_rms_m"]["std"] == pytest.approx(0.1)
     assert build_surface(model_description, limits, axes, with_interval=True).content_hash == found.content_hash
+
+
+@pytest.fixture
+def learned(touch):
+    """The model with friction learned over 20 Hz to 2 kHz and 0.25 to 1 N, and over speed."""
+    terms = (
+        Term(("frequency_hz", "normal_force_n"), ((20.0, 200.0, 2e3), (0.25, 1.0))),
+        Term(("speed_m_s",), ((0.01, 0.05),)),
+    )
+    form = LearnedForm("friction", "spline", terms, 40.0)
+    numbers = {p.name: Parameter(0.1 * i, "1", "") for i, p in enumerate(learned_kind(form).parameters())}
+    return replace(touch.description, effect_parameters={"learned": numbers}, learned_form=form)
+
+
+def test_a_surface_is_built_with_what_was_learned_as_far_as_its_range_goes(learned, touch, limits):
+    axes = axes_within(learned, SMALL)
+    assert (axes.frequency_low_hz, axes.frequency_high_hz) == (20.0, 2e3)
+    assert (axes.normal_force_low_n, axes.normal_force_high_n) == (0.25, 1.0)
+    assert axes.voltage_high_v == SMALL.voltage_high_v
+    built = build_surface(learned, limits, axes)
+    plain = build_surface(touch.description, limits, axes)
+    at_nodes = np.log(built.cof / plain.cof)[0, -1, [0, -1]]  # 20 Hz, the highest voltage, both loads
+    held = 0.6 + 0.1 * np.log(2.0) / np.log(5.0)  # of speed at the surface's own, 0.02 m/s
+    assert at_nodes == pytest.approx(np.array([0.0, 0.1]) + held, abs=1e-9)
+    assert built.correction is not None
+
+
+def test_without_axes_the_usual_ones_end_where_the_model_does(learned, limits):
+    built = build_surface(learned, limits)
+    assert built.frequency_hz[[0, -1]] == pytest.approx([20.0, 2e3])
+    assert built.normal_force_n[[0, -1]] == pytest.approx([0.25, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("wider", "words"),
+    [
+        ({"frequency_high_hz": 3e3}, "frequency_hz 20..3000 Hz (learned from 20 to 2000)"),
+        ({"normal_force_high_n": 1.5}, "normal_force_n 0.25..1.5 N (learned from 0.25 to 1)"),
+    ],
+)
+def test_axes_beyond_what_was_learned_are_refused_with_the_range(learned, limits, wider, words):
+    with pytest.raises(BadInputError) as refused:
+        build_surface(learned, limits, replace(axes_within(learned, SMALL), **wider))
+    assert refused.value.code == "outside_range"
+    assert words in refused.value.message
+    assert "measure there" in refused.value.hint
+
+
+def test_axes_of_a_model_that_learned_nothing_stay(touch):
+    assert axes_within(touch.description, SMALL) is SMALL
