@@ -157,7 +157,8 @@ def _next(
     """The plans of the next round, one per intervention; none with the outcome, where there is no point in any."""
     procedure = subject.plan.model_copy(update={"repeats": REPEATS, "sessions": 1})
     possible = choices(subject.config, model, procedure, doable)
-    chosen = design(diagnosis, possible.pool, MOST_BLOCKS, 60.0 * budget.minutes - found.measured_s)
+    left_s = 60.0 * budget.minutes - found.measured_s
+    chosen = design(diagnosis, possible.pool, MOST_BLOCKS, left_s, _stubborn(found))
     found.history.append(_told(diagnosis, chosen, possible.blocks))
     alike = [name for names in _group(diagnosis).values() for name in names]
     if alike and all(chosen.reach[name] < ALIKE for name in alike if name in chosen.reach):
@@ -181,6 +182,11 @@ def _next(
 
 def _group(diagnosis: Diagnosis) -> dict[str, list[str]]:
     return diagnosis.findings.verdict.group if diagnosis.findings else {}
+
+
+def _stubborn(found: Investigation) -> set[frozenset[str]]:
+    """Pairs that an earlier round was to tell apart, and which are open still."""
+    return {frozenset(proposal["separates"]) for told in found.history for proposal in told["proposals"]}
 
 
 def _told(diagnosis: Diagnosis, chosen: Design, blocks: Sequence[tuple[Setting, ...]]) -> dict[str, Any]:

@@ -8,8 +8,8 @@ name; a block counts by what it adds per second.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import NamedTuple
 
@@ -24,6 +24,7 @@ from model.diagnosis.space import Predictor
 from model.diagnosis.verdict import APART
 from model.diagnosis.witness import WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
+from model.effects.interventions import NOTHING
 from model.support.arrays import Array
 
 MODELS = 6  # that take part
@@ -82,6 +83,11 @@ class _Told:
         """Some of the first axis."""
         return _Told(self.normal[which], self.moment[which], self.square[which])
 
+    def only(self, these: NDArray[np.bool_]) -> _Told:
+        """What these of the first axis tell; the others nothing."""
+        square = np.where(these, self.square, 0.0)
+        return _Told(self.normal * these[:, None, None], self.moment * these[:, None], square)
+
     def chi2(self) -> Array:
         """The separation that is left once everything has been bent to hide it."""
         hidden = np.linalg.solve(self.normal, self.moment[..., None])[..., 0]
@@ -116,14 +122,25 @@ class _Pair:
         return self.reached - before
 
 
-def design(diagnosis: Diagnosis, pool: Pool, most: int, most_s: float) -> Design:
-    """At most `most` blocks that together take at most `most_s`, those that tell most per second first."""
+def design(
+    diagnosis: Diagnosis, pool: Pool, most: int, most_s: float, stubborn: Collection[frozenset[str]] = ()
+) -> Design:
+    """At most `most` blocks that together take at most `most_s`, those that tell most per second first.
+
+    `stubborn` are pairs that settings were to tell apart before and did not: a rival bends further than its linear
+    neighbourhood says. Of these an intervention is expected to tell, where the pool has one, and nothing else.
+    """
     findings = diagnosis.findings
     if findings is None:
         return Design((), {})
     leaders = leading(findings)
     pairs = _pairs(findings, leaders, pool, _own_std(findings, diagnosis.data, pool.observations))
-    enough = APART
+    enough, acts = APART, _of_interventions(pool)
+    reach = {pair.names[1]: pair.reach() for pair in pairs if pair.names[0] == leaders[0][0].name}
+    for pair in pairs:
+        if frozenset(pair.names) in stubborn:
+            asked = replace(pair, blocks=pair.blocks.only(acts))
+            pair.blocks = asked.blocks if asked.reach() >= APART else pair.blocks
     left, left_s = set(range(pool.cost_s.size)), most_s
     choices: list[Choice] = []
     while len(choices) < most:
@@ -142,8 +159,16 @@ def design(diagnosis: Diagnosis, pool: Pool, most: int, most_s: float) -> Design
         choices.append(Choice(block, pairs[first].names, added[first]))
         left.discard(block)
         left_s -= float(pool.cost_s[block])
-    chosen = leaders[0][0].name
-    return Design(tuple(choices), {pair.names[1]: pair.reach() for pair in pairs if pair.names[0] == chosen})
+    return Design(tuple(choices), reach)
+
+
+def _of_interventions(pool: Pool) -> NDArray[np.bool_]:
+    """Which blocks are measured once somebody has done something."""
+    done = pool.observations.intervention
+    acts = np.zeros(pool.cost_s.size, dtype=bool)
+    if done is not None:
+        acts[pool.block[done != NOTHING]] = True
+    return acts
 
 
 def leading(findings: Findings) -> list[tuple[Candidate, float]]:

@@ -206,7 +206,9 @@ def test_a_full_disk_is_told_rendering_goes_on_and_recording_resumes(daemon, sma
     status = daemon.status()
     assert (status.state, status.recording) == (DaemonState.RENDERING, None)
     assert "No space left on device" in status.recording_fault
-    keep_rendering(daemon, lease.token, lambda: electrode_v() > 10.0)  # zero, for a moment, where a busy machine was late
+    keep_rendering(
+        daemon, lease.token, lambda: electrode_v() > 10.0
+    )  # zero, for a moment, where a busy machine was late
     assert any("No space left" in event.message for event in daemon.events(since) if event.kind == "recording")
     first = read_run(path)
     assert first.attributes["complete"] is False

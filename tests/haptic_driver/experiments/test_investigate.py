@@ -21,6 +21,7 @@ from model.effects.interventions import INTERVENTIONS
 from model.touch_model import TouchModel
 
 # Two effects that no setting tells apart: sweat in columns is a conducting gap.
+SWEAT = {"sweat_film": {"share": 1e-3, "sweat_conductivity_s_per_m": 1e-4, "arrangement": 0.9}}
 HUMID = {"humid_gap_conduction": {"gap_conductivity_s_per_m": 8e-9}}
 PLAN = """
 name = "short"
@@ -55,21 +56,19 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 @pytest.fixture(scope="module")
 def found(short: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Investigation, Path]:
     out = tmp_path_factory.mktemp("investigation")
-    subject = Subject(hiding(HUMID), load_model("reference"), short)
+    subject = Subject(hiding(SWEAT), load_model("reference"), short)
     return investigate(subject, out, Budget(rounds=3)), out
 
 
 @pytest.mark.timeout(600)
 def test_what_settings_cannot_tell_apart_an_intervention_does(found: tuple[Investigation, Path]) -> None:
+    """Once every round chose settings of which the same was expected again, and the budget was spent on them."""
     investigation, _ = found
     assert investigation.outcome == "named"
     (effect,) = investigation.diagnosis["effects"]
-    assert effect["name"] == "humid_gap_conduction"
-    value = effect["parameters"]["gap_conductivity_s_per_m"]
-    assert value["value"] == pytest.approx(8e-9, rel=0.05)
-    assert investigation.history[0]["suspects"][:2] in (
-        ["humid_gap_conduction", "sweat_film"], ["sweat_film", "humid_gap_conduction"]
-    )  # fmt: skip
+    assert effect["name"] == "sweat_film"
+    alike = {"humid_gap_conduction", "sweat_film"}  # columns of sweat conduct as humid air does
+    assert set(investigation.history[0]["suspects"][:2]) == alike
     done = {setting.intervention for setting in investigation.settings}
     assert done & {"wipe", "dry_air"}
 
@@ -90,7 +89,7 @@ def test_what_is_there_is_not_measured_again(short: Plan, found: tuple[Investiga
     _, out = found
     data = sorted(out.glob("round-*/data*.csv"))
     before = [path.read_text() for path in data]
-    again = investigate(Subject(hiding(HUMID), load_model("reference"), short), out, Budget(rounds=3))
+    again = investigate(Subject(hiding(SWEAT), load_model("reference"), short), out, Budget(rounds=3))
     assert again.outcome == "named"
     assert [path.read_text() for path in data] == before
 
