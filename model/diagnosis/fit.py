@@ -25,6 +25,7 @@ FIRST_ITERATIONS = 5  # of every start, before the best go on
 STARTS_KEPT = 2
 MOST_IN_ONE_VALLEY = 2  # parameters of an effect
 OTHER_VALLEY = 0.7  # prior standard deviations of the last of more
+SAME_VALLEY = 0.3  # prior standard deviations of all parameters together
 BAD = 1e3  # stands for a residual that the model cannot give, in standard deviations
 
 
@@ -96,6 +97,8 @@ class Problem:
             gradient = weight * jacobian.T @ residual - vector
             dampings = damping * np.array([0.1, 1.0, 10.0, 100.0])
             steps = [np.linalg.solve(normal + d * np.diag(np.diag(normal)), gradient) for d in dampings]
+            if 0.5 * float(gradient @ steps[0]) < TOLERANCE:  # nothing more is to be expected
+                break
             trials = np.clip(vector + np.array(steps), -FARTHEST, FARTHEST)
             residuals = self.whitened(kinds, trials)
             costs = self.cost(np.sum(residuals**2, axis=1), trials)
@@ -137,4 +140,7 @@ class Problem:
             start[start.size - count], start[-1] = value, last if count > 1 else value
             begun.append(self.fit(kinds, start, FIRST_ITERATIONS))
         begun.sort(key=lambda fit: -fit.log_evidence)
-        return max((self.fit(kinds, fit.vector) for fit in begun[:STARTS_KEPT]), key=lambda fit: fit.log_evidence)
+        best = self.fit(kinds, begun[0].vector)
+        others = [fit for fit in begun[1:] if np.linalg.norm(fit.vector - best.vector) > SAME_VALLEY]
+        kept = [best, *(self.fit(kinds, fit.vector) for fit in others[: STARTS_KEPT - 1])]
+        return max(kept, key=lambda fit: fit.log_evidence)

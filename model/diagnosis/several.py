@@ -37,13 +37,14 @@ class Search:
         """`chosen` with the effect beside it that the data like best; then each effect swapped while that helps."""
         if len(chosen.kinds) >= MOST or len(self.singles) <= len(chosen.kinds):
             return None
-        best = max(self._beside(chosen.kinds), key=_evidence)
-        while True:
+        best = max(self._beside(chosen.kinds), key=_evidence, default=chosen)
+        while best is not chosen:
             rivals = [c for i in range(len(best.kinds)) for c in self._beside(_without(best.kinds, i))]
             better = max(rivals, key=_evidence)
             if _evidence(better) <= _evidence(best):
                 return best
             best = better
+        return None
 
     def gain(self, chosen: Candidate) -> float:
         """What the least needed effect of `chosen` adds, in nats, its prior counted."""
@@ -75,14 +76,15 @@ class Search:
     def _likely(self, kinds: Kinds, others: list[type[Effect]]) -> list[type[Effect]]:
         """The effects whose signatures, at their best strength, have the shape of what those in `kinds` leave.
 
-        What their own parameters could take up does not count.
+        What their own parameters could take up does not count. None that would not be worth its own prior.
         """
         key = frozenset(kinds)
         if key not in self._promising:
             fit = self._fit(kinds).fit
             own, _ = np.linalg.qr(fit.jacobian)
             scores = {other: self._score(fit, own, other) for other in others}
-            self._promising[key] = sorted(others, key=lambda other: -scores[other])[:FITTED]
+            worth = [other for other in others if 0.5 * scores[other] / fit.scale2 > -ANOTHER]
+            self._promising[key] = sorted(worth, key=lambda other: -scores[other])[:FITTED]
         return self._promising[key]
 
     def _score(self, fit: Fit, own: Array, other: type[Effect]) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -85,13 +86,23 @@ def test_every_round_lies_in_its_folder(found: tuple[Investigation, Path]) -> No
     assert said["diagnosis"]["verdict"] == "effect_found"
 
 
-def test_what_is_there_is_not_measured_again(short: Plan, found: tuple[Investigation, Path]) -> None:
+def test_what_is_there_is_not_measured_again(short: Plan, found: tuple[Investigation, Path], tmp_path: Path) -> None:
+    """As if it had been killed in its first round, after so many rows."""
     _, out = found
-    data = sorted(out.glob("round-*/data*.csv"))
-    before = [path.read_text() for path in data]
-    again = investigate(Subject(hiding(SWEAT), load_model("reference"), short), out, Budget(rounds=3))
-    assert again.outcome == "named"
-    assert [path.read_text() for path in data] == before
+    lines = (out / "round-1" / "data.csv").read_text().splitlines(keepends=True)
+    cells, column = lines[5].split(","), lines[0].split(",").index("cof")
+    kept = [
+        *lines[:5],
+        ",".join([*cells[:column], "0.5", *cells[column + 1 :]]),
+        *lines[6:30],
+    ]  # measured again: not 0.5
+    (tmp_path / "round-1").mkdir()
+    (tmp_path / "round-1" / "data.csv").write_text("".join(kept))
+    shutil.copy(out / "round-1" / "data.csv.meta.json", tmp_path / "round-1")
+    again = investigate(Subject(hiding(SWEAT), load_model("reference"), short), tmp_path, Budget(rounds=1))
+    now = (tmp_path / "round-1" / "data.csv").read_text().splitlines(keepends=True)
+    assert now[:30] == kept
+    assert again.rows == len(now) - 1 == len(lines) - 1
 
 
 def test_nothing_is_proposed_that_the_rig_refuses(short: Plan) -> None:
