@@ -6,29 +6,44 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 from typer import Argument, Option
 
-from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
-from haptic_driver.experiments.plan import LONGEST_S, Plan, Setting, write_plan
+from haptic_driver.cli.output import Json, ModelOption, RigOption, named, report, status, stdout
+from haptic_driver.errors import BadInputError
+from haptic_driver.experiments.check import told
+from haptic_driver.experiments.plan import LONGEST_S, Plan, Setting, load_plan, write_plan
+from haptic_driver.experiments.resolving import ways
 from haptic_driver.files import bad_input, writing
+from haptic_driver.pictures.model import draw_resolution
+from haptic_driver.rig.config import load_rig
 from haptic_driver.surface.models import load_model
+from model.description import ModelDescription
 from model.diagnosis.data import read_measurements, together
 from model.diagnosis.report import write_report
+from model.diagnosis.resolution import Resolution, resolution
+from model.diagnosis.verdict import APART
 from model.diagnosis.workflow import diagnose as run
 from model.effects.learned import LEARNED
 from model.touch import SPEED_REFERENCE_M_S
+from model.touch_model import TouchModel
 
 
 def diagnose(
-    data: Annotated[Path, Argument(help="CSV: frequency_hz, voltage_v, normal_force_n, cof, ...")],
+    data: Annotated[Path | None, Argument(help="CSV: frequency_hz, voltage_v, normal_force_n, cof, ...")] = None,
     model: ModelOption = "reference",
     out: Annotated[Path, Option(help="Folder for report.html, report.json, model.toml.")] = Path("diagnosis"),
     also: Annotated[
         list[Path] | None, Option(help="More data of the same finger and rig; may be given repeatedly.")
     ] = None,
     seed: Annotated[int, Option(help="Of the random draws in tests and folds.", min=0)] = 0,
+    plan: Annotated[str | None, named("plans", "Instead of data, a plan to judge beforehand")] = None,
+    rig: RigOption = "simulated",
+    strength: Annotated[
+        float, Option(help="With --plan: of the effects, in standard deviations beyond the usual.", min=-3.0, max=3.0)
+    ] = 0.0,
+    noise: Annotated[float, Option(help="With --plan: of one friction, relative.", min=1e-4, max=0.5)] = 0.02,
     as_json: Json = False,
 ) -> None:
     """Find where measured friction and the model disagree, name the missing effect, add it, and prove it.
@@ -37,8 +52,19 @@ def diagnose(
     the data earn it. Where more data would tell more, `DIR/next_plan.toml` is a plan for `haptic measure`; what it
     measures goes in with `--also`.
 
-    Example: `haptic diagnose data.csv --model reference --out diagnosis`
+    Without data, `--plan P --rig R` says beforehand which effects that plan could tell apart on that rig: as it is,
+    with the electrode's current as far as a card reads it, and with a full sweep.
+
+    Examples: `haptic diagnose data.csv --model reference --out diagnosis`, `haptic diagnose --plan full --out plan`
     """
+    if (data is None) == (plan is None):
+        raise BadInputError(
+            "bad_data", "give either data or --plan", "haptic diagnose data.csv, or --plan full --rig R"
+        )
+    if plan is not None:
+        _show_levels(plan, rig, load_model(model), out, (strength, noise), as_json)
+        return
+    assert data is not None
     description = load_model(model)
     with bad_input("bad_data"):
         measurements = together([(str(path), read_measurements(path)) for path in (data, *(also or ()))])
@@ -46,8 +72,64 @@ def diagnose(
         diagnosis = run(description, measurements, seed, tell)
     with writing(out):
         found = write_report(diagnosis, description, out, ", ".join(path.name for path in (data, *(also or ()))))
-    plan = _write_next_plan(found["next_experiments"], out / "next_plan.toml")
-    report(as_json, found | {"next_plan": str(plan) if plan else None}, lambda: _show(found, out, plan))
+    following = _write_next_plan(found["next_experiments"], out / "next_plan.toml")
+    report(as_json, found | {"next_plan": str(following) if following else None}, lambda: _show(found, out, following))
+
+
+def _show_levels(
+    plan: str,
+    rig: str,
+    description: ModelDescription,
+    out: Path,
+    strength_and_noise: tuple[float, float],
+    as_json: bool,
+) -> None:
+    strength, noise = strength_and_noise
+    touch = TouchModel(description)
+    sets, refusals = ways(load_rig(rig), touch, load_plan(plan), noise)
+    with status("comparing") as tell, bad_input("bad_plan"):
+        found = {name: resolution(description, data, strength, tell) for name, data in sets.items()}
+    picture = out / "resolution.png"
+    with writing(out):
+        draw_resolution(found, picture)
+    payload = {
+        "enough": APART,
+        "levels": [
+            {
+                "name": name,
+                "observations": sets[name].count,
+                "effects": {
+                    effect: {"visible": level.visible(i), "alike": level.alike(i)}
+                    for i, effect in enumerate(level.names)
+                },
+            }
+            for name, level in found.items()
+        ],
+        "refused": told(refusals),
+        "picture": str(picture),
+    }
+
+    def show() -> None:
+        table = Table(Column("effect", no_wrap=True), *(f"{name} ({data.count})" for name, data in sets.items()))
+        for effect in dict.fromkeys(name for level in found.values() for name in level.names):
+            table.add_row(effect, *(_told_apart(level, effect) for level in found.values()))
+        stdout.print(table)
+        stdout.print(f"Told apart: chi-square of {APART:g} or more. In brackets: rows times witnesses.")
+        for line in told(refusals):
+            stdout.print(f"left out, {line}")
+        stdout.print(f"picture: {picture}")
+
+    report(as_json, payload, show)
+
+
+def _told_apart(known: Resolution, name: str) -> str:
+    if name not in known.names:
+        return "-"
+    i = known.names.index(name)
+    if known.visible(i) < APART:
+        return "leaves no trace"
+    alike = known.alike(i)
+    return f"not from {', '.join(alike)}" if alike else "from all others"
 
 
 def _write_next_plan(steps: Sequence[Mapping[str, Any]], path: Path) -> Path | None:

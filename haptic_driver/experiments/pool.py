@@ -14,7 +14,7 @@ from model.diagnosis.data import Measurements, stacked
 from model.diagnosis.design import Pool
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, VOLTAGE, VOLTAGE_PHASE
 from model.effects.interventions import INTERVENTIONS, NOTHING
-from model.support.arrays import Array
+from model.support.arrays import Array, Mask
 from model.touch import SPEED_REFERENCE_M_S
 from model.touch_model import TouchModel
 
@@ -91,14 +91,22 @@ def _hands_s(block: tuple[Setting, ...]) -> float:
 
 
 def _pool(config: RigConfig, blocks: tuple[tuple[Setting, ...], ...], cost_s: Array) -> Pool:
-    """The observations to come: friction where the finger slides, what the rig's monitors tell everywhere."""
     settings = [setting for block in blocks for setting in block]
     block = np.repeat(np.arange(len(blocks)), [len(b) for b in blocks])
+    seen = observations(settings, np.array([config.electrode_monitor(s.frequency_hz) is not None for s in settings]))
+    assert seen.row is not None
+    return Pool(seen, block[seen.row], cost_s, REPEATS)
+
+
+def observations(settings: Sequence[Setting], monitored: Mask) -> Measurements:
+    """The observations to come: friction where the finger slides, the electrode's witnesses where it is `monitored`.
+
+    An intervention is a session of its own.
+    """
     columns = {
         name: np.array([getattr(s, name) for s in settings])
         for name in ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "voltage_offset_v")
     }
-    told = np.array([config.electrode_monitor(s.frequency_hz) is not None for s in settings])
     columns |= {"electrode_voltage_v": np.ones(len(settings)), "electrode_voltage_phase_rad": np.zeros(len(settings))}
     sessions = list(dict.fromkeys(s.intervention for s in settings))
     rows = Measurements(
@@ -111,7 +119,5 @@ def _pool(config: RigConfig, blocks: tuple[tuple[Setting, ...], ...], cost_s: Ar
         intervention=np.array([s.intervention for s in settings]),
     )
     friction = np.array([not s.sweep for s in settings])
-    there = {FRICTION: friction} | dict.fromkeys((CURRENT, CURRENT_PHASE, VOLTAGE, VOLTAGE_PHASE), told)
-    observations = stacked(rows, {witness: mask for witness, mask in there.items() if mask.any()})
-    assert observations.row is not None
-    return Pool(observations, block[observations.row], cost_s, REPEATS)
+    there = {FRICTION: friction} | dict.fromkeys((CURRENT, CURRENT_PHASE, VOLTAGE, VOLTAGE_PHASE), monitored)
+    return stacked(rows, {witness: mask for witness, mask in there.items() if mask.any()})

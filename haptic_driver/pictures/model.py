@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from haptic_driver.pictures.files import pyplot, saved
 from haptic_driver.signals import Array
+from model.diagnosis.verdict import APART
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,10 +20,31 @@ if TYPE_CHECKING:
     from model.analysis.calibration import Calibration
     from model.analysis.sensitivity import Sensitivity
     from model.analysis.spectra import ForceSpectrum, Steepness
+    from model.diagnosis.resolution import Resolution
 
 MODEL, DATA, QUIET = "#1b6ca8", "#d1495b", "#9aa0a6"
 COLOURS = ("#1b6ca8", "#d1495b", "#e08e0b", "#5b8c5a", "#6a4c93", "#3a3a3a")
 PERCENTILES = (5, 25, 75, 95)
+
+
+def draw_resolution(levels: Mapping[str, Resolution], path: Path) -> None:
+    """A matrix per way of measuring: true effects down, what could stand for them across; what is alike is dark."""
+    with _panels(path, 1, len(levels), (5.6 * len(levels) + 2.0, 7.0)) as panels:
+        for ax, (name, told) in zip(panels, levels.items(), strict=True):
+            invisible = told.separation[:, -1] < APART
+            shares = np.clip(np.log10(np.maximum(told.separation, 1.0) / APART), -1.0, 1.0)
+            shares[invisible, :-1] = np.nan
+            ax.imshow(np.ma.masked_invalid(shares), cmap="RdYlGn", vmin=-1.0, vmax=1.0)
+            ax.set_xticks(range(shares.shape[1]), [*map(_plain, told.names), "nothing"], rotation=90, fontsize=8)
+            ax.set_yticks(range(len(told.names)), [_plain(n) for n in told.names], fontsize=8)
+            ax.set_facecolor("#d9d9d9")
+            ax.set_title(f"{name}\nred: could stand for it; grey: the effect leaves no trace", fontsize=9)
+            ax.set_xlabel("fitted instead")
+        panels[0].set_ylabel("true effect")
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def draw_calibration(found: Calibration, path: Path) -> None:

@@ -169,3 +169,24 @@ def test_without_noise_nothing_can_be_tested(tmp_path, capsys) -> None:
     said = json.loads(capsys.readouterr().out)
     assert said["verdict"] == "not_testable"
     assert len(said["alternatives"]) == CATALOGUE + 2
+
+
+def test_a_plan_is_judged_before_it_is_measured(tmp_path, capsys):
+    plan = tmp_path / "small.toml"
+    plan.write_text(
+        'name = "small"\nfrequency_hz = [20.0, 250.0]\nvoltage_v = [75.0, 110.0]\n'
+        "normal_force_n = [0.25, 0.5]\nspeed_m_s = 0.02\n"
+    )
+    weak = ["--strength", "-2"]  # few leave a trace: soon done
+    assert main(["diagnose", "--plan", str(plan), "--rig", "simulated", "--out", str(tmp_path), "--json", *weak]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert [level["name"] for level in said["levels"]] == ["as it is", "current by a card", "full sweep"]
+    seen = [sum(e["visible"] >= said["enough"] for e in level["effects"].values()) for level in said["levels"]]
+    assert seen[0] < seen[2]
+    assert seen[0] <= seen[1] <= seen[2]
+    assert (tmp_path / "resolution.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_neither_data_nor_a_plan_is_told(capsys):
+    assert main(["diagnose"]) != 0
+    assert "give either data or --plan" in capsys.readouterr().err

@@ -1,0 +1,56 @@
+"""What a plan could tell apart, held against what must be so whatever the effects are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from haptic_driver.experiments.plan import Plan, Setting
+from haptic_driver.experiments.resolving import ways
+from haptic_driver.rig.config import load_rig
+from haptic_driver.surface.models import load_model
+from model.diagnosis.data import Measurements
+from model.diagnosis.resolution import Resolution, resolution
+from model.touch_model import TouchModel
+
+SETTINGS = tuple(Setting(f, v, 0.5, 0.02) for f in (20.0, 100.0, 250.0) for v in (50.0, 75.0, 110.0))
+PLAN = Plan(name="small", settings=(*SETTINGS, Setting(0.0, 0.0, 0.5, 0.02)), repeats=2)
+
+
+def sets(cof_std: float) -> dict[str, Measurements]:
+    found, refusals = ways(load_rig("simulated"), TouchModel(load_model("reference")), PLAN, cof_std)
+    assert refusals == []
+    return found
+
+
+@pytest.fixture(scope="module")
+def by_way() -> dict[str, Resolution]:
+    return {name: resolution(load_model("reference"), data) for name, data in sets(0.01).items()}
+
+
+def test_no_rival_leaves_more_than_no_effect_at_all(by_way: dict[str, Resolution]) -> None:
+    """Each can be so weak that it is none."""
+    for told in by_way.values():
+        for i in range(len(told.names)):
+            rivals = told.separation[i, :-1][np.isfinite(told.separation[i, :-1])]
+            assert (rivals <= told.visible(i) * (1.0 + 1e-6) + 1e-6).all()
+
+
+def test_what_acts_in_the_lead_is_seen_in_its_current(by_way: dict[str, Resolution]) -> None:
+    """`electrical.md`: friction cannot tell a resistance of 100 kOhm; phase at some kHz can, slewing takes more yet."""
+    friction, card, full = (by_way[name] for name in ("as it is", "current by a card", "full sweep"))
+    resistance = friction.names.index("series_resistance")
+    assert "none" in friction.alike(resistance)
+    assert card.alike(card.names.index("series_resistance")) == []
+    slew = full.names.index("amplifier_slew_limit")
+    assert "none" in card.alike(slew)
+    assert full.alike(slew) == []
+
+
+def test_less_noise_tells_more_and_a_stronger_effect_is_plainer(by_way: dict[str, Resolution]) -> None:
+    data = sets(0.04)["as it is"]
+    usual, strong = (resolution(load_model("reference"), data, strength) for strength in (0.0, 1.0))
+    for name in ("humid_gap_conduction", "johnsen_rahbek"):
+        at = usual.names.index(name)
+        assert by_way["as it is"].visible(at) > usual.visible(at)
+        assert strong.visible(at) > usual.visible(at)
