@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo demo-diagnosis test soak lint bench validate blind docs clean
+.PHONY: demo demo-diagnosis test soak mutate lint bench validate blind docs clean
 
 .venv/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -33,6 +33,12 @@ test: lint
 # Long tests and many repetitions: fault scripts by the ten thousand, and more.
 soak: .venv/.test
 	$(BIN)/python -m pytest -m soak
+
+# Small faults, one at a time, in what safety and truth rest on. Lines changed since BASE; ALL=1: a sample of everything.
+BASE ?= HEAD~1
+mutate: .venv/.test
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[mutate]'
+	$(BIN)/python -m tests.mutation --base $(BASE) $(if $(ALL),--all)
 
 bench: .venv/.test
 	$(BIN)/python -m benchmarks
