@@ -18,6 +18,7 @@ from model.support.arrays import Array
 PRIOR_NONE, PRIOR_UNKNOWN = 0.5, 0.1
 SURE = 0.95  # the probability that a name, or a group of them, must have
 STARTS = (0.0, -2.0, 1.5, -3.0)
+KIN_NATS = 12.0  # by which an effect must lead another that acts at the same place of the chain
 NONE, UNKNOWN = "none", "unknown"
 
 
@@ -59,6 +60,18 @@ def candidate(problem: Problem, kinds: tuple[type[Effect], ...], fit: Fit) -> Ca
     alone = evidence(fit, noise, form)
     bent = alone.bend * form
     return Candidate(kinds, fit, alone, bent, lambda: evidence_beside(fit, noise, problem.discrepancy, bent))
+
+
+def could_stand_for(rival: Candidate, best: Candidate, without: Candidate) -> bool:
+    """Whether the effect that only `rival` has may be what `best` has instead: both act at one place and explain much.
+
+    Another form of the one can look like the other there: a slew limit that sets in softly is a roll-off, as long as
+    nobody changes the amplitude. `without`: the model with neither.
+    """
+    lead = best.alone.log_evidence - rival.alone.log_evidence
+    gain = rival.alone.log_evidence - without.alone.log_evidence
+    stages = {kind.stage for kind in set(best.kinds) ^ set(rival.kinds)}
+    return len(stages) == 1 and lead < KIN_NATS and gain > lead
 
 
 def testable_effects(data: Measurements, switched_on: Sequence[Effect]) -> list[type[Effect]]:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.naming import STARTS, SURE, Candidate, fit_candidates
+from model.diagnosis.naming import STARTS, SURE, Candidate, could_stand_for, fit_candidates
 from model.effects import Effect
 from model.support.arrays import Array
 
@@ -53,14 +53,18 @@ class Search:
         return min(self._adds(chosen, i) for i in range(len(chosen.kinds))) + ANOTHER
 
     def places(self, chosen: Candidate, i: int) -> dict[str, float]:
-        """Shares of the fewest effects that hold SURE of what may stand in the i-th place, the most probable first."""
-        rivals = sorted(self._beside(_without(chosen.kinds, i)), key=_evidence, reverse=True)
+        """Shares of the fewest effects that hold SURE of what may stand in the i-th place, the most probable first.
+
+        And of what another form of the first of them could be.
+        """
+        rest = _without(chosen.kinds, i)
+        rivals = sorted(self._beside(rest), key=_evidence, reverse=True)
         logs = np.array([_evidence(c) for c in rivals])
         shares = np.exp(logs - logsumexp(logs))
-        rest = set(_without(chosen.kinds, i))
-        names = [kind.name for c in rivals for kind in c.kinds if kind not in rest]
         count = int(np.searchsorted(np.cumsum(shares), SURE)) + 1
-        return dict(zip(names[:count], shares[:count].tolist(), strict=True))
+        mine = [next(kind for kind in c.kinds if kind not in rest) for c in rivals]
+        kept = [n < count or could_stand_for(c, rivals[0], self._fit(rest)) for n, c in enumerate(rivals)]
+        return {k.name: float(s) for k, s, keep in zip(mine, shares, kept, strict=True) if keep}
 
     def _adds(self, chosen: Candidate, i: int) -> float:
         return _evidence(chosen) - _evidence(self._fit(_without(chosen.kinds, i)))

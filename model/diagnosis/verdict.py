@@ -9,7 +9,16 @@ import numpy as np
 from scipy.special import logsumexp
 
 from model.diagnosis.fit import Problem
-from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, SURE, UNKNOWN, Candidate, separation
+from model.diagnosis.naming import (
+    NONE,
+    PRIOR_NONE,
+    PRIOR_UNKNOWN,
+    SURE,
+    UNKNOWN,
+    Candidate,
+    could_stand_for,
+    separation,
+)
 from model.diagnosis.rival import discrepancy_mean
 from model.diagnosis.several import ANOTHER, Search
 from model.diagnosis.where import Disagreement
@@ -153,6 +162,9 @@ def decide(
 
     alike = confusion(problem, winner, weighed.singles)
     group = [name for name, value in alike.items() if value < TOGETHER]
+    group += [
+        c.name for c in weighed.singles if c.name not in (winner.name, *group) and could_stand_for(c, winner, base)
+    ]
     one_fits = adequate(winner, scan(winner).lack_of_fit_p)
     search = Search(problem, weighed.singles, progress)
     several = _several(search, weighed, one_fits, scan)
