@@ -255,8 +255,22 @@ def test_the_surface_can_be_drawn(daemon, surface_file):
     drawn = daemon.surface_map()
     cof = np.array(drawn["cof"], dtype=float)
     assert cof.shape == (len(drawn["frequency_hz"]), len(drawn["voltage_v"]))
-    assert drawn["frequency_hz"][0] == pytest.approx(surface_file.frequency_hz[0])
+    limits = daemon.settings.config.operating_limits()
+    assert limits.frequency_low_hz <= drawn["frequency_hz"][0] <= 1.1 * limits.frequency_low_hz
+    assert max(drawn["limits_v"]["voltage"]) == limits.voltage_v
+    assert drawn["voltage_v"][-1] <= 1.2 * limits.voltage_v
     assert np.all(np.diff(cof[10][np.isfinite(cof[10])]) >= 0.0)
+
+
+def test_the_limits_that_are_drawn_are_those_that_are_kept(daemon, surface_file):
+    """The least of them forbids what the surface file marks as forbidden, by code of its own."""
+    drawn = daemon.surface_map()
+    lowest_v = np.min([[np.inf if v is None else v for v in one] for one in drawn["limits_v"].values()], axis=0)
+    load = int(np.abs(surface_file.normal_force_n - 0.5).argmin())
+    for hz, most_v in zip(drawn["frequency_hz"], lowest_v, strict=True):
+        allowed = surface_file.within_limits[int(np.argmin(np.abs(surface_file.frequency_hz - hz))), :, load]
+        marked_v = surface_file.voltage_v[np.flatnonzero(allowed)[-1]]
+        assert most_v <= marked_v + np.diff(surface_file.voltage_v)[0]
 
 
 def test_samples_and_events_are_told_once(daemon):
