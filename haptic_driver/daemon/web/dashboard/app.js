@@ -10,20 +10,21 @@ import { Surface } from "./surface.js";
 import { drawTimePlot } from "./timeplot.js";
 
 const SPANS_S = [10, 60, 600];
-const SAMPLES_MS = 200; // between looks at the ticks themselves
-const MOST_SAMPLES = 500;
+const SAMPLES_MS = 250; // between looks at the ticks themselves
+const MOST_SAMPLES = 2000; // a busy machine may keep the page waiting
 const SLOW_MS = 1000; // between looks at what seldom changes: the surface, a texture that is in no library
 const TRAIL_EVERY = 8; // ticks
 const POINTS = 30; // frames of which the operating point is remembered
+const READ_MS = 240; // numbers that change faster are not read
 const LATE_S = 10; // frames of which the ticks are summed up
 
 const $ = (id) => document.getElementById(id);
 const page = {
   status: null, newest: null, frames: [], linked: false, awaited: 0, fetching: false, newestTick: 0, newestS: 0, wallS: 0,
-  surfaceOf: null, textures: [], selected: "", textureOf: null, history: new History(SPANS_S), spanS: SPANS_S[0], paused: null,
+  surfaceOf: null, textures: [], selected: "", textureOf: null, history: new History(SPANS_S), spanS: SPANS_S[0], paused: null, readMs: 0, state: "",
 };
 readTheme();
-const screen = new Screen($("texture-map"), $("finger"));
+const screen = new Screen($("texture-map"), $("finger"), { marks: $("marks"), here: $("here"), ahead: $("ahead"), nobody: $("nobody") });
 const surface = new Surface($("surface-map"), $("surface"), $("surface-said"));
 const controls = new Controls((name) => { page.selected = name; showTexture(); });
 const happened = new Happened();
@@ -70,7 +71,7 @@ async function fetchSamples() {
   page.newestTick = columns.tick.at(-1);
   page.newestS = columns.time_s.at(-1);
   screen.follow(places, page.newestS);
-  showTime();
+  if (!page.paused) showTime();
 }
 
 // What plays, or what is selected while nothing does.
@@ -154,16 +155,17 @@ function say(id, words) {
 function show() {
   page.awaited = 0;
   const { status, newest } = page;
-  showState(status);
-  controls.show(status);
-  if (status) {
-    showFigures(status, newest);
-    showTicks(status);
-    showTexture();
+  const state = `${status?.state} ${status?.output_on} ${status?.lease_holder}`, changed = state !== page.state;
+  if (changed || performance.now() - page.readMs > READ_MS) {
+    Object.assign(page, { state, readMs: performance.now() });
+    showState(status);
+    controls.show(status);
+    if (status) showTexture();
+    if (status) showFigures(status, newest);
+    const on = page.frames.slice(-POINTS).map((f) => f.newest).filter((n) => n?.output_on && n.frequency_hz > 0);
+    surface.operates(newest?.output_on && newest.frequency_hz > 0 ? newest : null, on);
   }
   screen.moved(finger(newest));
-  const on = page.frames.slice(-POINTS).map((f) => f.newest).filter((n) => n?.output_on && n.frequency_hz > 0);
-  surface.operates(newest?.output_on && newest.frequency_hz > 0 ? newest : null, on);
 }
 
 function finger(newest) {
@@ -210,13 +212,14 @@ function showFigures(status, newest) {
   say("recording", status.recording_fault ? `${status.recording ?? "waiting"}; a part is missing: ${status.recording_fault}` : (status.recording ?? "none"));
   say("surface_hash", `${status.model.split("/").at(-1)}, surface ${status.surface_hash.slice(0, 12)}`);
   happened.showFlags(status.flags);
+  showTicks(status);
 }
 
 // All about the ticks in one line.
 function showTicks(status) {
   const late = page.frames.map((f) => f.ticks.lateness_max_s ?? 0), last = page.frames.at(-1).ticks;
   const inTime = status.timing.in_time === null ? "" : `${percent(status.timing.in_time)} in time, `;
-  say("ticks", `${inTime}${brief(last.lateness_median_s)} late, ${brief(Math.max(...late))} at most in 10 s; ${brief(last.compute_median_s)} computing; ` +
+  say("ticks", `Ticks: ${inTime}${brief(last.lateness_median_s)} late, ${brief(Math.max(...late))} at most in 10 s; ${brief(last.compute_median_s)} computing; ` +
     `${status.overruns} overruns, ${status.underruns} underruns in ${status.ticks.toLocaleString("en")}`);
   $("ticks").classList.toggle("some", status.overruns + status.underruns > 0);
 }

@@ -57,6 +57,9 @@ export class Happened {
   }
 
   showFlags(flags) {
+    const key = `${flags} ${this.events.length} ${this.wallS === null}`;
+    if (key === this.key) return;
+    this.key = key;
     const said = flags.length ? flags.map((name) => this.words(name)) : ["none since arming"];
     if (this.shown === said.join("\n")) return;
     this.shown = said.join("\n");

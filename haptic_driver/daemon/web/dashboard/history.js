@@ -1,6 +1,6 @@
 // Samples kept as buckets, fine ones for seconds and coarse ones for minutes: a plot never has more points than pixels.
 
-const BUCKETS = 900; // per span: about one for each pixel
+const BUCKETS = 400; // per span: about one for every other pixel
 
 // The mean, the least and the most of numbers that come one by one; null counts for nothing.
 class Spread {

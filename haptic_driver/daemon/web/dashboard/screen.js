@@ -1,19 +1,19 @@
 // The finger on the screen: origin upper left, x to the right, y down, as in files and previews.
 
-import { begin, line, ring, scaleBar, steps, tag, text } from "./drawing.js";
+import { begin, line, scaleBar, steps, text, upright } from "./drawing.js";
 import { colourOf, theme } from "./palette.js";
 import { Tiles } from "./tiles.js";
 
-const MARGIN = { left: 34, right: 50, top: 8, bottom: 32 };
+const MARGIN = { left: 46, right: 50, top: 8, bottom: 32 };
 const ZOOM_STEP = 2, MOST_ZOOM = 32;
 const TRAIL_S = 1.5;
 const TRAIL_GAP_S = 0.06; // a trail does not bridge longer ones
 const PAN_SHARE = 0.2; // of what is shown, by an arrow key
 
 export class Screen {
-  // `map`: the canvas of the texture, `over`: that of the finger, on top of it and of the same size.
-  constructor(map, over) {
-    Object.assign(this, { map, over });
+  // `map`: the canvas of the texture, `over`: that of the trail, of the same size; `marks` {marks, here, ahead, nobody}: elements on top.
+  constructor(map, over, marks) {
+    Object.assign(this, { map, over, ...marks });
     this.size_m = [0.1, 0.06];
     this.zoom = 1;
     this.centre_m = [0.05, 0.03];
@@ -22,6 +22,7 @@ export class Screen {
     this.finger = null;
     this.trail = [];
     this.reach = [0.5, 0.7];
+    this.measured();
     this.listen();
   }
 
@@ -85,6 +86,14 @@ export class Screen {
       x: (m) => left + (m - x0) * scale, y: (m) => top + (m - y0) * scale };
   }
 
+  // The layout now, kept for what is drawn more often; the marks' own box follows.
+  measured() {
+    this.at = this.layout();
+    const { left, top, w, h } = this.at;
+    Object.assign(this.marks.style, { left: `${left}px`, top: `${top}px`, width: `${w}px`, height: `${h}px` });
+    return this.at;
+  }
+
   zoomBy(factor, place = this.centre_m) {
     const before = this.zoom;
     this.zoom = Math.min(Math.max(this.zoom * factor, 1), MOST_ZOOM);
@@ -104,7 +113,7 @@ export class Screen {
 
   listen() {
     this.over.addEventListener("keydown", (event) => {
-      const at = this.layout(), step = (PAN_SHARE * at.w) / at.scale;
+      const { at } = this, step = (PAN_SHARE * at.w) / at.scale;
       const does = {
         "+": () => this.zoomBy(ZOOM_STEP), "=": () => this.zoomBy(ZOOM_STEP), "-": () => this.zoomBy(1 / ZOOM_STEP), 0: () => this.fit(),
         ArrowLeft: () => this.pan(-step, 0), ArrowRight: () => this.pan(step, 0), ArrowUp: () => this.pan(0, -step), ArrowDown: () => this.pan(0, step),
@@ -115,11 +124,11 @@ export class Screen {
     });
     this.over.addEventListener("pointermove", (event) => {
       if (!event.buttons || this.zoom === 1) return;
-      const { scale } = this.layout();
+      const { scale } = this.at;
       this.pan(-event.movementX / scale, -event.movementY / scale);
     });
     this.over.addEventListener("dblclick", (event) => {
-      const at = this.layout();
+      const { at } = this;
       this.zoomBy(ZOOM_STEP, [at.x0 + (event.offsetX - at.left) / at.scale, at.y0 + (event.offsetY - at.top) / at.scale]);
     });
   }
@@ -128,12 +137,13 @@ export class Screen {
 
   drawAll() {
     this.draw();
-    this.drawFinger();
+    this.drawTrail();
+    this.moved(this.finger);
   }
 
   // The texture, when something about it has changed.
   draw() {
-    const { pen } = begin(this.map), at = this.layout(), { left, top, w, h } = at;
+    const { pen } = begin(this.map), at = this.measured(), { left, top, w, h } = at;
     if (w < 20 || h < 20) return;
     pen.save();
     pen.beginPath(); pen.rect(left, top, w, h); pen.clip();
@@ -147,7 +157,7 @@ export class Screen {
     for (const mm of steps(1e3 * at.x0, 1e3 * at.x1, w / 90)) text(pen, `${mm}`, at.x(1e-3 * mm), top + h + 11);
     for (const mm of steps(1e3 * at.y0, 1e3 * at.y1, h / 60)) text(pen, `${mm}`, left - 5, at.y(1e-3 * mm), { align: "right" });
     text(pen, "x, mm", left + w / 2, top + h + 24);
-    text(pen, "y, mm", left - 4, top + h + 11, { align: "right" });
+    upright(pen, "y, mm", left - 36, top + h / 2);
     if (this.tiles || this.coarse || this.flat !== null) scaleBar(pen, this.range, left + w + 6, top, top + h);
     this.over.dispatchEvent(new CustomEvent("shown", { detail: `${this.words}${this.zoom > 1 ? ` · zoom ${this.zoom}` : ""}` }));
   }
@@ -168,41 +178,41 @@ export class Screen {
     }
   }
 
-  // `finger`: {x_m, y_m, output_x_m, output_y_m, touching} or null.
+  // `finger`: {x_m, y_m, output_x_m, output_y_m, touching} or null. Marks move without anything being drawn.
   moved(finger) {
-    const before = JSON.stringify(this.finger);
     this.finger = finger;
-    if (this.trail.length || before !== JSON.stringify(finger)) this.drawFinger();
+    const { at } = this, marked = (x_m, y_m) => `translate(${(at.x(x_m) - at.left).toFixed(1)}px, ${(at.y(y_m) - at.top).toFixed(1)}px)`;
+    this.here.hidden = this.ahead.hidden = !finger?.touching;
+    const words = !finger?.touching ? "no finger" : this.sees(finger) ? "" : `finger at ${(1e3 * finger.x_m).toFixed(0)}, ${(1e3 * finger.y_m).toFixed(0)} mm, not in this part`;
+    if (this.nobody.textContent !== words) this.nobody.textContent = words;
+    if (!finger?.touching) return;
+    this.here.style.transform = marked(finger.x_m, finger.y_m);
+    this.ahead.style.transform = marked(finger.output_x_m, finger.output_y_m); // where it will be when the output acts
+  }
+
+  sees({ x_m, y_m }) {
+    const { x0, x1, y0, y1 } = this.at;
+    return x_m >= x0 && x_m <= x1 && y_m >= y0 && y_m <= y1;
   }
 
   // Places in order, {time_s, x_m, y_m, cof}, of a finger that touches; older ones are forgotten.
   follow(places, nowS) {
     this.trail.push(...places);
     const kept = this.trail.findIndex((place) => place.time_s > nowS - TRAIL_S);
+    const had = this.trail.length;
     this.trail.splice(0, kept < 0 ? this.trail.length : kept);
-  }
-
-  drawFinger() {
-    const { pen } = begin(this.over), at = this.layout(), { finger } = this;
-    pen.save();
-    pen.beginPath(); pen.rect(at.left, at.top, at.w, at.h); pen.clip();
-    this.drawTrail(pen, at);
-    if (finger?.touching) {
-      ring(pen, at.x(finger.x_m), at.y(finger.y_m), 7, theme.red);
-      ring(pen, at.x(finger.output_x_m), at.y(finger.output_y_m), 13); // where it will be when the output acts
-    }
-    pen.restore();
-    if (!finger?.touching) tag(pen, "no finger", at.left + 6, at.top + 15, at.left, at.left + at.w);
-    else if (at.x(finger.x_m) < at.left || at.x(finger.x_m) > at.left + at.w || at.y(finger.y_m) < at.top || at.y(finger.y_m) > at.top + at.h)
-      tag(pen, `finger at ${(1e3 * finger.x_m).toFixed(0)}, ${(1e3 * finger.y_m).toFixed(0)} mm, not in this part`, at.left + 6, at.top + 15, at.left, at.left + at.w);
+    if (had) this.drawTrail();
   }
 
   // Coloured by measured friction on the scale of the texture, with an edge that is seen on any colour.
-  drawTrail(pen, at) {
+  drawTrail() {
+    const { pen } = begin(this.over), { at } = this;
+    pen.beginPath(); pen.rect(at.left, at.top, at.w, at.h); pen.clip();
     const points = this.trail.flatMap((p, i) => {
       const point = [at.x(p.x_m), at.y(p.y_m)];
       return i && p.time_s - this.trail[i - 1].time_s > TRAIL_GAP_S ? [null, point] : [point];
     });
+    if (this.finger?.touching && points.length) points.push([at.x(this.finger.x_m), at.y(this.finger.y_m)]); // not measured yet
     line(pen, points, { colour: "#000", width: 9 });
     line(pen, points, { colour: "#fff", width: 6.5 });
     pen.lineWidth = 4.5;

@@ -1,6 +1,6 @@
 // Friction over time, with strips of normal force, voltage and current below.
 
-import { begin, line, steps, text, upright } from "./drawing.js";
+import { begin, line, steps, tag, text, upright } from "./drawing.js";
 import { theme } from "./palette.js";
 
 const LEFT = 58, RIGHT = 8, AXIS = 20;
@@ -83,7 +83,7 @@ function drawStrip(at, buckets, field, name, { top, bottom }) {
   pen.lineWidth = 1;
   pen.strokeRect(LEFT + 0.5, top + 0.5, width - LEFT - RIGHT - 1, bottom - top - 1);
   text(pen, Number(high.toPrecision(2)).toString(), LEFT - 6, top + 6, { align: "right" });
-  text(pen, name, LEFT + 6, top + 8, { align: "left", fill: theme.ink });
+  tag(pen, name, LEFT + 2, top + 10, LEFT + 2, width - RIGHT);
 }
 
 function drawTimes({ pen, x }, nowS, spanS, wallS, bottom) {
