@@ -269,7 +269,8 @@ const THEMES = { auto: "light dark", light: "light", dark: "dark" };
 function setTheme(name) {
   document.documentElement.style.colorScheme = THEMES[name];
   localStorage.setItem("theme", name);
-  say("theme", `Colours: ${name}`);
+  say("theme", `◐ ${name}`);
+  $("theme").setAttribute("aria-label", `Colours: ${name}`);
   drawAll();
 }
 $("theme").addEventListener("click", () => {
