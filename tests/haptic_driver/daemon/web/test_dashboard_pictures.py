@@ -8,11 +8,10 @@ import io
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import expect
 
 from haptic_driver.config import texture_dirs
 from haptic_driver.processes.samples import Flag
-from tests.haptic_driver.daemon.web.served_page import Served, SlidingControl, arm, opened, press_grey, text
+from tests.haptic_driver.daemon.web.served_page import Served, SlidingControl, arm, expect, opened, press_grey, text
 from tests.waiting import until
 
 SCREEN_MM = (100.0, 60.0)
