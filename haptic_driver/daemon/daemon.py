@@ -146,7 +146,7 @@ class Daemon:
                 texture=targets.name if rendering else None,
                 target_cof=targets.asked_cof(output) if rendering else None,
                 measured_cof=self._measured_cof(),
-                reachable_cof=reachable_cof,
+                reachable_cof=list(reachable_cof),
                 frequency_hz=output.frequency_hz if rendering and output_on else None,
                 voltage_v=0.0 if output_on is False else output.voltage_v if rendering else None,
                 current_rms_a=self._current_a(output, load_n) if rendering and output_on else None,

@@ -67,7 +67,9 @@ class Status(Checked):
     texture: str | None
     target_cof: float | None
     measured_cof: float | None
-    reachable_cof: tuple[float, float]  # under the present load
+    reachable_cof: Annotated[
+        list[float], Field(min_length=2, max_length=2)
+    ]  # lowest and highest, under the present load
     frequency_hz: float | None
     voltage_v: float | None
     current_rms_a: float | None  # into the sliding finger, as the surface says of what is commanded

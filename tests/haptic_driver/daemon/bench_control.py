@@ -69,7 +69,7 @@ class BenchControl:
                 texture=self.texture if rendering else None,
                 target_cof=self.cof if rendering else None,
                 measured_cof=float("nan"),
-                reachable_cof=(0.5, 0.9),
+                reachable_cof=[0.5, 0.9],
                 frequency_hz=250.0 if rendering else None,
                 voltage_v=75.0 if rendering else 0.0,
                 current_rms_a=20e-6 if rendering else None,

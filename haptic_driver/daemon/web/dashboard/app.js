@@ -52,7 +52,7 @@ async function fetchSurface() {
 
 // The ticks themselves: textures are too fast for the frames.
 async function fetchSamples() {
-  if (!page.linked || document.hidden || page.fetching) return;
+  if (!page.linked || page.fetching) return;
   page.fetching = true;
   const columns = await quietly(() => ask("GET", `/samples?since=${page.newestTick}&most=${MOST_SAMPLES}`));
   page.fetching = false;
@@ -228,7 +228,7 @@ function showTime() {
   const shown = page.paused ?? { ...page.history.shown(page.spanS), nowS: page.newestS };
   const error = errorOf(shown.buckets.filter((b) => b.time_s > shown.nowS - page.spanS));
   say("span-error", error ? `error ${percent(error.rms, 1)} rms, ${percent(error.within)} of the time within 5 %` : "");
-  if (inSight.has($("friction"))) drawTimePlot($("friction"), shown, shown.nowS, page.spanS, page.wallS);
+  if (inSight.has($("friction")) && !document.hidden) drawTimePlot($("friction"), shown, shown.nowS, page.spanS, page.wallS);
 }
 
 // --- what the user looks at ---------------------------------------------------------------------------------------

@@ -24,7 +24,10 @@ export class Controls {
     this.reasons = {};
     $("off").addEventListener("click", () => this.off());
     document.addEventListener("keydown", (event) => { if (event.key === "Escape") this.off(); }, true);
-    this.button("arm", () => { this.arming = this.arm(); return this.arming; });
+    this.button("arm", () => {
+      this.arming = this.arm().finally(() => { this.arming = null; });
+      return this.arming;
+    });
     this.button("disarm", () => this.disarm());
     this.button("reset", () => ask("POST", "/reset"));
     this.form("set", () => this.holding("/set", { cof: $("cof").valueAsNumber }));

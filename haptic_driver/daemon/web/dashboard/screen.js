@@ -6,6 +6,7 @@ import { Tiles } from "./tiles.js";
 
 const MARGIN = { left: 46, right: 50, top: 8, bottom: 32 };
 const ZOOM_STEP = 2, MOST_ZOOM = 32;
+const LARGEST_M = 1; // a place beyond is a slip of the tracker
 const TRAIL_S = 1.5;
 const TRAIL_GAP_S = 0.06; // a trail does not bridge longer ones
 const PAN_SHARE = 0.2; // of what is shown, by an arrow key
@@ -181,6 +182,7 @@ export class Screen {
   // `finger`: {x_m, y_m, output_x_m, output_y_m, touching} or null. Marks move without anything being drawn.
   moved(finger) {
     this.finger = finger;
+    if (finger?.touching) this.hold([finger.x_m, finger.y_m]);
     const { at } = this, marked = (x_m, y_m) => `translate(${(at.x(x_m) - at.left).toFixed(1)}px, ${(at.y(y_m) - at.top).toFixed(1)}px)`;
     this.here.hidden = this.ahead.hidden = !finger?.touching;
     const words = !finger?.touching ? "no finger" : this.sees(finger) ? "" : `finger at ${(1e3 * finger.x_m).toFixed(0)}, ${(1e3 * finger.y_m).toFixed(0)} mm, not in this part`;
@@ -188,6 +190,14 @@ export class Screen {
     if (!finger?.touching) return;
     this.here.style.transform = marked(finger.x_m, finger.y_m);
     this.ahead.style.transform = marked(finger.output_x_m, finger.output_y_m); // where it will be when the output acts
+  }
+
+  // Nobody says how large a screen is: it reaches at least as far as a finger has been.
+  hold(place_m) {
+    if (place_m.every((m, k) => m <= this.size_m[k] || m > LARGEST_M)) return;
+    this.size_m = this.size_m.map((size, k) => Math.max(size, Math.min(Math.ceil(100 * place_m[k]) / 100, LARGEST_M)));
+    this.measured();
+    this.draw();
   }
 
   sees({ x_m, y_m }) {

@@ -44,6 +44,7 @@ class SlidingControl(BenchControl):
     """A finger that goes round on the screen, with a tick per millisecond of the clock; friction grows with y."""
 
     lifted = False
+    aside_m = 0.0
 
     def samples(self, since_tick, most):
         newest = int(time.monotonic() * 1e3)
@@ -52,7 +53,8 @@ class SlidingControl(BenchControl):
         made["tick"], made["time_s"] = ticks, ticks * 1e-3
         angle = 2.0 * math.pi * made["time_s"]
         for prefix in ("position", "output"):
-            made[f"{prefix}_x_m"], made[f"{prefix}_y_m"] = 0.03 + 0.02 * np.cos(angle), 0.03 + 0.02 * np.sin(angle)
+            made[f"{prefix}_x_m"] = 0.03 + 0.02 * np.cos(angle) + self.aside_m
+            made[f"{prefix}_y_m"] = 0.03 + 0.02 * np.sin(angle)
         made["lateness_s"] = 5e-6 * (1.0 + np.cos(angle))
         made["in_contact"], made["normal_force_n"] = not self.lifted, 0.5
         made["measured_cof"] = np.nan if self.lifted else 0.7 + 0.2 * np.sin(angle)

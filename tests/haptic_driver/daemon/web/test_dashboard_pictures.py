@@ -287,3 +287,14 @@ def test_the_screen_is_moved_by_keys(page):
     assert not np.array_equal(canvas(page, "texture-map"), zoomed)
     page.keyboard.press("0")
     expect(page.locator("#shown")).not_to_contain_text("zoom")
+
+
+def test_a_screen_is_at_least_as_large_as_where_a_finger_has_been(browser, served, control):
+    """On a page of its own, which keeps what it has learned."""
+    page = opened(browser, served)
+    wide = page.locator("#marks").bounding_box()
+    control.aside_m = 0.2
+    until(lambda: page.locator("#marks").bounding_box()["height"] < 0.7 * wide["height"])
+    control.aside_m = 0.0
+    expect(page.locator("#nobody")).to_be_empty()
+    page.context.close()
