@@ -4,6 +4,7 @@ import { Refusal, ask } from "./connection.js";
 import { fetchTile } from "./tiles.js";
 
 const THUMBNAIL = { columns: 100, rows: 60, pitch_m: 2e-4 }; // 20 mm wide
+const NO_PICTURE = "data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA=";
 const RENEWALS = 5; // per lease
 const SAME_REACH = 0.01; // of friction: the slider does not tremble with the load
 
@@ -155,7 +156,8 @@ export class Controls {
   show(status) {
     this.status = status;
     if (!status) { this.grey(everything("the daemon is not heard")); return; }
-    if (this.lease && (status.state === "idle" || status.state === "fault")) this.endedSoon();
+    if (status.state === "fault") this.drop();
+    else if (this.lease && status.state === "idle") this.endedSoon();
     else this.ending = 0;
     this.grey(this.why(status));
     say("lease", this.leaseWords(status));
@@ -222,21 +224,22 @@ function say(where, words) {
 }
 
 function thumbnail(name, checked) {
-  const label = document.createElement("label"), input = document.createElement("input"), canvas = document.createElement("canvas");
+  const label = document.createElement("label"), input = document.createElement("input"), image = document.createElement("img");
   Object.assign(input, { type: "radio", name: "texture", value: name, checked });
-  Object.assign(canvas, { width: THUMBNAIL.columns, height: THUMBNAIL.rows });
+  Object.assign(image, { alt: "", width: THUMBNAIL.columns, height: THUMBNAIL.rows, src: NO_PICTURE });
   label.dataset.name = name;
-  label.append(input, canvas, name.replaceAll("_", "_\u200b"));
+  label.append(input, image, name.replaceAll("_", "_\u200b"));
   return label;
 }
 
 async function drawThumbnail(name) {
-  const canvas = document.querySelector(`#textures label[data-name="${CSS.escape(name)}"] canvas`), pen = canvas?.getContext("2d");
+  const image = document.querySelector(`#textures label[data-name="${CSS.escape(name)}"] img`);
+  if (!image) return;
   try {
     const { picture } = await fetchTile(name, 0, 0, THUMBNAIL.pitch_m, THUMBNAIL.columns, THUMBNAIL.rows);
-    pen?.drawImage(picture, 0, 0);
+    image.src = picture.toDataURL(); // a canvas is drawn anew with every frame
   } catch (error) {
     if (!(error instanceof Refusal)) throw error;
-    canvas?.closest("label").setAttribute("title", error.message); // a script has no picture
+    image.closest("label").setAttribute("title", error.message); // a script has no picture
   }
 }
