@@ -42,6 +42,7 @@ class BenchControl:
         self.texture = None
         self.recording = None
         self.flags = []
+        self.holders = []
         self.model = "reference"
         self.shown_off = True  # whether switching off can be shown
         self.told = []
@@ -97,6 +98,7 @@ class BenchControl:
     def arm(self, lease_s, holder="somebody"):
         with self._lock:
             self._change("arm", lease_s)
+            self.holders.append(holder)
             lease = self.machine.arm(time.monotonic(), lease_s, holder)
             self._tell("state", "armed")
             return lease

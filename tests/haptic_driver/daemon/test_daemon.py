@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import time
+from base64 import b64decode
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,7 +20,7 @@ import pytest
 
 from haptic_driver.config import find_config
 from haptic_driver.daemon import recordings
-from haptic_driver.daemon.messages import DaemonState
+from haptic_driver.daemon.messages import DaemonState, TileRequest
 from haptic_driver.daemon.set_up import latency_budget_s
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.recording.read import read_run
@@ -57,6 +58,9 @@ def test_friction_follows_its_target_through_bytes_and_back(daemon, electrode_v)
         keep_rendering(daemon, lease.token, settled)
     status = daemon.status()
     assert status.simulated
+    low, high = status.reachable_cof
+    assert 0.4 < low < 0.68 < high
+    assert 1e-6 < status.current_rms_a < 0.5e-3  # below the limit for the public
     assert (status.target_cof, status.texture) == (0.68, None)
     status = daemon.off()
     assert electrode_v() == 0.0
@@ -249,6 +253,15 @@ def test_textures_are_swapped_while_they_play_and_can_be_drawn(daemon):
     x = np.array(drawn["x_m"])
     grating = np.array(drawn["cof"])[0]
     assert np.ptp(grating[x < 0.02]) > 0.02
+
+
+def test_a_texture_of_the_library_can_be_looked_at_without_keeping_who_plays_one(daemon):
+    asked = TileRequest(name="fine_grating", pitch_m=1e-4, columns=100, rows=2)
+    tile = daemon.tile(asked)
+    levels = np.frombuffer(b64decode(tile.levels), np.uint8).reshape(2, 100)
+    assert np.abs(np.fft.rfft(levels[0]))[1:].argmax() + 1 == 10  # of 1 mm, over 10 mm
+    assert (tile.cof_low, tile.cof_high) == pytest.approx((0.58, 0.72))
+    assert daemon.pids["painter"] != daemon.pids["loader"]
 
 
 def test_the_surface_can_be_drawn(daemon, surface_file):

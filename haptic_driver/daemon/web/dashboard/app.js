@@ -16,6 +16,7 @@ const SLOW_MS = 1000; // between looks at what seldom changes: the surface, a te
 const TRAIL_EVERY = 8; // ticks
 const POINTS = 30; // frames of which the operating point is remembered
 const READ_MS = 240; // numbers that change faster are not read
+const ERROR_S = 1; // of samples, each against its own target
 const LATE_S = 10; // frames of which the ticks are summed up
 
 const $ = (id) => document.getElementById(id);
@@ -196,8 +197,8 @@ function showFigures(status, newest) {
   say("rig", `rig ${status.rig}${status.texture ? `, texture ${status.texture}` : ""}`);
   say("target_cof", fixed(status.target_cof, 3));
   say("measured_cof", fixed(status.measured_cof, 3));
-  const both = status.target_cof !== null && status.measured_cof !== null;
-  say("error", both ? `${status.measured_cof >= status.target_cof ? "+" : "−"}${percent(Math.abs(status.measured_cof / status.target_cof - 1), 1)}` : "–");
+  const error = errorOf(page.history.shown(SPANS_S[0]).buckets.filter((b) => b.time_s > page.newestS - ERROR_S));
+  say("error", error ? percent(error.rms, 1) : "–");
   say("voltage_v", fixed(status.voltage_v, 1, " V"));
   say("frequency_hz", status.frequency_hz === null ? "–" : `${Number(status.frequency_hz.toPrecision(4))} Hz`);
   say("current_rms_a", status.current_rms_a === null ? "–" : `${(1e6 * status.current_rms_a).toFixed(1)} µA`);

@@ -5,7 +5,8 @@ import { SCALE } from "./palette.js";
 
 export const TILE = 256; // cells per side
 const MOST_KEPT = 200;
-const BUSY_MS = 300;
+const AGAIN_MS = 300, SELDOM_MS = 5000; // between attempts: longer and longer
+const PASSING = ["loading", "no_answer"]; // the daemon draws for somebody else, or is too busy to begin
 
 // The canvas of what `GET /tile` answered: a pixel per cell, clear where nothing is asked for.
 function pictureOf({ columns, rows, levels }) {
@@ -28,7 +29,7 @@ function pictureOf({ columns, rows, levels }) {
 
 let queue = Promise.resolve(); // the daemon draws one at a time
 
-// One picture of any size; waits while the daemon draws for somebody else. Throws Refusal.
+// One picture of any size, as soon as it can be had. Throws Refusal.
 export function fetchTile(...what) {
   const tile = queue.then(() => fetchNow(...what));
   queue = tile.catch(() => {});
@@ -37,13 +38,13 @@ export function fetchTile(...what) {
 
 async function fetchNow(name, x_m, y_m, pitch_m, columns, rows) {
   const query = new URLSearchParams({ name, x_m, y_m, pitch_m, columns, rows });
-  for (;;) {
+  for (let pauseMs = AGAIN_MS; ; pauseMs = Math.min(2 * pauseMs, SELDOM_MS)) {
     try {
       const tile = await ask("GET", `/tile?${query}`);
       return { picture: pictureOf(tile), range: [tile.cof_low, tile.cof_high], x_m, y_m, pitch_m };
     } catch (error) {
-      if (!(error instanceof Refusal) || error.code !== "loading") throw error;
-      await new Promise((resolve) => setTimeout(resolve, BUSY_MS));
+      if (!(error instanceof Refusal) || !PASSING.includes(error.code)) throw error;
+      await new Promise((resolve) => setTimeout(resolve, pauseMs));
     }
   }
 }
