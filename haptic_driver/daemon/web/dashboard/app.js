@@ -94,7 +94,8 @@ function showTexture() {
 async function showPlaying() {
   const map = await quietly(() => ask("GET", "/texture")), { status } = page;
   if (!map || status?.state !== "rendering" || !status.texture) return;
-  const values = map.cof.flat().filter((cof) => cof !== null), range = values.length ? [Math.min(...values), Math.max(...values)] : status.reachable_cof;
+  const values = map.cof.flat().filter((cof) => cof !== null), ends = [Math.min(...values), Math.max(...values)];
+  const range = ends[1] > ends[0] ? ends : status.reachable_cof;
   const picture = document.createElement("canvas");
   [picture.width, picture.height] = [map.x_m.length, map.y_m.length];
   const pen = picture.getContext("2d"), image = pen.createImageData(picture.width, picture.height);

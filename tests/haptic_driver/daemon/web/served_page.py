@@ -39,6 +39,8 @@ if os.environ.get("CI") != "true":
 from playwright.sync_api import Error as BrowserError  # noqa: E402, F401 - only where it is installed
 from playwright.sync_api import expect  # noqa: E402
 
+expect.set_options(timeout=HANG_MS)
+
 
 class SlidingControl(BenchControl):
     """A finger that goes round on the screen, with a tick per millisecond of the clock; friction grows with y."""
