@@ -34,6 +34,7 @@ export class Controls {
     this.form("set", () => this.holding("/set", { cof: $("cof").valueAsNumber }));
     this.form("play", () => this.holding("/texture", { name: this.texture }));
     this.form("record", () => ask("POST", "/record", { path: this.status?.recording ? null : $("path").value }));
+    this.form("mark", () => this.mark());
     this.form("use", () => ask("POST", "/model", { name: $("model").value }));
     $("cof-slider").addEventListener("input", () => { $("cof").value = $("cof-slider").value; });
     $("cof").addEventListener("input", () => { $("cof-slider").value = $("cof").value; });
@@ -91,6 +92,12 @@ export class Controls {
     if (status && status.output_on !== false)
       this.refused(new Refusal("not_off", "Switching off was ordered, but nothing shows yet that the output is off.",
         "Look at the output above; use the emergency stop if it does not say OFF."));
+  }
+
+  // Among the events, and so into the recording; without words it is a marker all the same.
+  async mark() {
+    await ask("POST", "/mark", { label: $("note").value.trim() || "mark", data: {} });
+    $("note").value = "";
   }
 
   // --- the lease -------------------------------------------------------------------------------------------------
@@ -193,6 +200,7 @@ export class Controls {
       set: output,
       play: output,
       record: "",
+      mark: "",
       use: unready || (armed ? "A model is changed while idle. Disarm first." : recording ? "A recording keeps its model. Stop it first." : ""),
     };
   }
@@ -216,7 +224,7 @@ export class Controls {
   }
 }
 
-const everything = (reason) => Object.fromEntries(["arm", "disarm", "reset", "set", "play", "record", "use"].map((id) => [id, reason]));
+const everything = (reason) => Object.fromEntries(["arm", "disarm", "reset", "set", "play", "record", "mark", "use"].map((id) => [id, reason]));
 
 function say(where, words) {
   const element = typeof where === "string" ? $(where) : where;

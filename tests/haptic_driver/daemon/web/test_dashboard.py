@@ -7,6 +7,7 @@ from datetime import datetime
 
 import pytest
 
+from haptic_driver.daemon import verbs
 from haptic_driver.processes.samples import Flag
 from tests.haptic_driver.daemon.web.served_page import (
     BrowserError,
@@ -175,6 +176,17 @@ def test_a_model_is_chosen_and_a_recording_begun_and_ended(page, served, control
     page.click("#record button")
     text(page, "#record button", "Record")
     assert control.calls[-2:] == [("record", "mine.h5"), ("record", None)]
+
+
+@pytest.mark.skipif(not hasattr(verbs, "MARK"), reason="this daemon takes no markers")
+def test_notes_and_markers_are_among_the_events(page, control):
+    page.fill("#note", "the finger was wiped")
+    page.click("#mark button")
+    expect(page.locator("#events li").first).to_contain_text("the finger was wiped")
+    expect(page.locator("#note")).to_have_value("")
+    page.click("#mark button")
+    until(lambda: [call for call in control.calls if call[0] == "mark"][1:])
+    assert [call[1] for call in control.calls if call[0] == "mark"] == ["the finger was wiped", "mark"]
 
 
 def test_every_flag_has_a_meaning_and_says_since_when(page, control):
