@@ -145,7 +145,7 @@ class Daemon:
                 model=settings.model,
                 texture=targets.name if rendering else None,
                 target_cof=targets.asked_cof(output) if rendering else None,
-                measured_cof=self._measured_cof(),
+                measured_cof=_measured_cof(self.shared.ring.newest(MEASURED_SAMPLES)),
                 reachable_cof=list(reachable_cof),
                 frequency_hz=output.frequency_hz if rendering and output_on else None,
                 voltage_v=0.0 if output_on is False else output.voltage_v if rendering else None,
@@ -285,8 +285,8 @@ class Daemon:
         controller = self.settings.render.tick.controller
         return controller.current_a(output.frequency_hz, output.voltage_v, normal_force_n)
 
-    def _measured_cof(self) -> float | None:
-        """Mean over the last samples; None without sliding contact."""
-        measured = self.shared.ring.newest(MEASURED_SAMPLES)["measured_cof"]
-        sliding = measured[np.isfinite(measured)]
-        return float(sliding.mean()) if sliding.size else None
+
+def _measured_cof(samples: NDArray[np.void]) -> float | None:
+    """Mean over samples; None without sliding contact."""
+    sliding = samples["measured_cof"][np.isfinite(samples["measured_cof"])]
+    return float(sliding.mean()) if sliding.size else None

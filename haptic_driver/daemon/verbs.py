@@ -120,7 +120,6 @@ TILE = Verb(
     "tile", "GET", "/tile", messages.TileRequest, messages.Tile, lambda daemon, asked, _: daemon.tile(asked),
     "A part of a texture of the library as it is felt, averaged where it is finer than a cell.",
 )  # fmt: skip
-
 MODELS = Verb(
     "models", "GET", "/models", Empty, messages.ModelNames,
     lambda daemon, *_: messages.ModelNames(models=daemon.models()),
