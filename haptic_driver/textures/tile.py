@@ -9,7 +9,7 @@ import numpy as np
 
 from haptic_driver.render.texture import FloatArray, Texture
 
-FINE_M = 50e-6  # between samples, where a cell is larger; finer than a fingertip tells apart
+FINE_M = 100e-6  # between samples, where a cell is larger; finer than what a fingertip tells apart
 MOST_PER_SIDE = 8  # samples of a cell along x and along y
 STRIP_SAMPLES = 1 << 18  # at a time: what a strip of a picture takes in memory
 

@@ -127,7 +127,7 @@ export class Controls {
     try {
       await ask("POST", "/renew", undefined, lease.token);
     } catch (error) {
-      if (this.lease === lease) {
+      if (this.lease === lease && error.code !== "no_answer") { // the next may be heard in time
         this.drop();
         this.refused(new Refusal("lease", `The lease is gone: ${error.message}`, "Arm again."));
       }

@@ -6,7 +6,8 @@ import { SCALE } from "./palette.js";
 export const TILE = 256; // cells per side
 const MOST_KEPT = 200;
 const AGAIN_MS = 300, SELDOM_MS = 5000; // between attempts: longer and longer
-const PASSING = ["loading", "no_answer"]; // the daemon draws for somebody else, or is too busy to begin
+const MOST_ATTEMPTS = 8;
+const PASSING = ["loading", "no_answer", "too_much"]; // the daemon draws for somebody else, or its machine is busy
 
 // The canvas of what `GET /tile` answered: a pixel per cell, clear where nothing is asked for.
 function pictureOf({ columns, rows, levels }) {
@@ -38,13 +39,13 @@ export function fetchTile(...what) {
 
 async function fetchNow(name, x_m, y_m, pitch_m, columns, rows) {
   const query = new URLSearchParams({ name, x_m, y_m, pitch_m, columns, rows });
-  for (let pauseMs = AGAIN_MS; ; pauseMs = Math.min(2 * pauseMs, SELDOM_MS)) {
+  for (let attempt = 1; ; attempt++) {
     try {
       const tile = await ask("GET", `/tile?${query}`);
       return { picture: pictureOf(tile), range: [tile.cof_low, tile.cof_high], x_m, y_m, pitch_m };
     } catch (error) {
-      if (!(error instanceof Refusal) || !PASSING.includes(error.code)) throw error;
-      await new Promise((resolve) => setTimeout(resolve, pauseMs));
+      if (!(error instanceof Refusal) || !PASSING.includes(error.code) || attempt === MOST_ATTEMPTS) throw error;
+      await new Promise((resolve) => setTimeout(resolve, Math.min(AGAIN_MS * 2 ** attempt, SELDOM_MS)));
     }
   }
 }

@@ -165,6 +165,20 @@ def test_the_lease_is_as_long_as_one_says_and_says_whose_it_is(page, served, con
     assert served.ask("/status")["lease_holder"].startswith("a page (Chrome")
 
 
+def test_a_renewal_that_is_not_heard_does_not_end_the_lease(page, control):
+    lost = []
+
+    def once(route):
+        lost.append(route.request.url)
+        route.abort() if len(lost) == 1 else route.continue_()
+
+    page.route("**/renew", once)
+    arm(page)
+    until(lambda: page.evaluate("1") and len(lost) > 1 and control.calls.count(("renew",)) >= 1)
+    expect(page.locator("#lease")).to_contain_text("This page holds the lease")
+    text(page, "#state", "ARMED")
+
+
 def test_a_model_is_chosen_and_a_recording_begun_and_ended(page, served, control):
     page.select_option("#model", "other")
     page.click("#use button")
