@@ -13,6 +13,7 @@ lease, and the daemon ramps the output to zero by itself.
 from __future__ import annotations
 
 import os
+import sys
 import threading
 from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
@@ -75,18 +76,18 @@ class HapticClient:
         self.close()
 
     @contextmanager
-    def armed(self, lease_s: float = 0.5) -> Iterator[Session]:
+    def armed(self, lease_s: float = 0.5, holder: str = "") -> Iterator[Session]:
         """Arm, and keep the lease alive in the block; disarmed afterwards, and shown to be off.
 
         Raises LeaseLostError at the end of the block when the lease was lost in it, and HapticError when the output
         cannot be shown to be off; an error of the block itself goes before these.
         """
-        with Session(self, self.arm(lease_s)) as session:
+        with Session(self, self.arm(lease_s, holder)) as session:
             yield session
 
-    def arm(self, lease_s: float = 0.5) -> Lease:
-        """Idle to armed. Better use `armed`, which renews the lease."""
-        return self._ask(verbs.ARM, lease_s=lease_s)
+    def arm(self, lease_s: float = 0.5, holder: str = "") -> Lease:
+        """Idle to armed; others are told `holder`, else this program. Better use `armed`, which renews the lease."""
+        return self._ask(verbs.ARM, lease_s=lease_s, holder=holder or _this_program())
 
     def renew(self, token: str) -> Lease:
         """Keep a lease alive."""
@@ -127,6 +128,10 @@ class HapticClient:
     def textures(self) -> list[str]:
         """Names that `play` knows."""
         return self._ask(verbs.TEXTURES).textures
+
+    def models(self) -> list[str]:
+        """Names that `use_model` knows."""
+        return self._ask(verbs.MODELS).models
 
     def events(self, since: int = 0) -> list[Event]:
         """What happened after event number `since`."""
@@ -273,6 +278,12 @@ class Session:
             except HapticError:
                 pass
             self._ending.wait(self._period_s)
+
+
+def _this_program() -> str:
+    """Its name and process, as a lease's holder."""
+    name = "".join(c for c in Path(sys.argv[0]).name[:60] if c.isprintable()) or "python"
+    return f"{name}, process {os.getpid()}"
 
 
 def _checked(schema: type[Schema], values: dict[str, object]) -> Schema:

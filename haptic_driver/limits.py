@@ -8,6 +8,7 @@ wet), which a series resistance or the amplifier's own current limit may bound.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 from math import inf, pi, sqrt
 
 import numpy as np
@@ -43,25 +44,30 @@ class OperatingLimits:
         f, i = np.log(np.array(self.contact_current_a_rms)).T
         return np.asarray(np.exp(np.interp(np.log(frequency_hz), f, i)))
 
-    def highest_voltage_v(self, frequency_hz: Array | float, stuck_current_a_per_v: Array | float) -> Array:
-        """Largest voltage at each frequency by every limit that is proportional to voltage; 0 outside the band.
+    def highest_voltages_v(self, frequency_hz: Array | float, stuck_current_a_per_v: Array | float) -> dict[str, Array]:
+        """Largest voltage at each frequency, by each limit that is proportional to voltage; infinite where it has none.
 
         `stuck_current_a_per_v`: worst-case finger current, A rms per volt of amplitude. The worst case counts only as
         far as the hardware can deliver it.
         """
         f = np.asarray(frequency_hz, dtype=np.float64)
         limit = self.contact_current_limit_a_rms(f)
+        by_hardware = np.where(
+            self.amplifier_current_a <= sqrt(2.0) * limit, inf, sqrt(2.0) * limit * self.series_resistance_ohm
+        )
         with np.errstate(divide="ignore"):
-            by_slew = np.divide(self.slew_v_per_s, 2.0 * pi * f)
-            by_panel = np.divide(self.amplifier_current_a, 2.0 * pi * f * self.panel_capacitance_f)
-            by_finger = np.maximum(
-                np.divide(limit, stuck_current_a_per_v),
-                np.where(
-                    self.amplifier_current_a <= sqrt(2.0) * limit, inf, sqrt(2.0) * limit * self.series_resistance_ohm
-                ),
-            )
+            return {
+                "voltage": np.full(f.shape, self.voltage_v),
+                "slew rate": np.divide(self.slew_v_per_s, 2.0 * pi * f),
+                "amplifier current": np.divide(self.amplifier_current_a, 2.0 * pi * f * self.panel_capacitance_f),
+                "worst-case current": np.maximum(np.divide(limit, stuck_current_a_per_v), by_hardware),
+            }
+
+    def highest_voltage_v(self, frequency_hz: Array | float, stuck_current_a_per_v: Array | float) -> Array:
+        """The smallest of `highest_voltages_v` at each frequency; 0 outside the band."""
+        f = np.asarray(frequency_hz, dtype=np.float64)
         in_band = (f >= self.frequency_low_hz) & (f <= self.frequency_high_hz)
-        lowest = np.minimum(np.minimum(by_slew, by_panel), np.minimum(by_finger, self.voltage_v))
+        lowest = reduce(np.minimum, self.highest_voltages_v(f, stuck_current_a_per_v).values())
         return np.where(in_band, lowest, 0.0)
 
     def permits(

@@ -57,9 +57,10 @@ def arm(
 
     # SIGTERM and a closed terminal end it as Ctrl-C does, which also ends it where a script ignores it.
     as_ctrl_c = signals_to(signal.default_int_handler, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    holder = f"haptic arm, process {os.getpid()}"
     with client_of(socket) as client:
         try:
-            with client.armed(lease_s) as session, _lease_file(client.socket, session.token), as_ctrl_c:
+            with client.armed(lease_s, holder) as session, _lease_file(client.socket, session.token), as_ctrl_c:
                 session.wait_held()
                 held = {"state": "armed", "lease_s": lease_s, "token_file": str(_token_path(client.socket))}
                 report(as_json, held, lambda: stdout.print(f"armed, lease {lease_s:g} s; Ctrl-C disarms"))
@@ -150,12 +151,16 @@ def show_status(status: Status) -> None:
     rig = f"; rig {status.rig}{' (simulated)' if status.simulated else ''}, by {status.actuator}"
     stdout.print(Text.assemble((status.state, "bold"), ", output ", on, rig, f"; model {status.model}"))
     asked = status.texture or ("nothing" if status.target_cof is None else f"friction {status.target_cof:.3g}")
-    stdout.print(f"  asked {asked}; measured {number(status.measured_cof, '.3f')}")
+    low, high = status.reachable_cof
+    measured = number(status.measured_cof, ".3f")
+    stdout.print(f"  asked {asked}; measured {measured}; within reach {low:.2f} to {high:.2f}")
     stdout.print(f"  commanded {number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak")
     missed = f"{status.overruns} overruns, {status.underruns} underruns"
     stdout.print(f"  {status.ticks} ticks, {missed}; flags: {', '.join(status.flags) or 'none'}")
     if status.timing.last_cause is not None:
         stdout.print(f"  {number(status.timing.in_time, '.0%')} of the last ticks in time; {status.timing.last_cause}")
+    if status.lease_holder is not None:
+        stdout.print(Text(f"  lease held by {status.lease_holder}"))
     if status.fault is not None:
         stdout.print(Text.assemble("  ", ("fault:", "bold red"), f" {status.fault}"))
     if status.recording is not None:

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.config import texture_dirs
+from haptic_driver.config import config_names, texture_dirs
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.loader import Loader
-from haptic_driver.daemon.messages import DaemonState, Lease, RefusedError, Status
+from haptic_driver.daemon.messages import SOMEBODY, DaemonState, Lease, RefusedError, Status, Tile, TileRequest
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.recordings import Recordings
 from haptic_driver.daemon.set_up import DaemonSettings
@@ -29,7 +29,7 @@ from haptic_driver.daemon.timing import advice, timing_of
 from haptic_driver.daemon.watchers import WATCHERS, Watched
 from haptic_driver.daemon.web import drawings
 from haptic_driver.errors import HapticError, message_of
-from haptic_driver.processes.shared_memory import RING_SAMPLES, SharedState
+from haptic_driver.processes.shared_memory import RING_SAMPLES, Output, SharedState
 from haptic_driver.recording.event import Event
 from haptic_driver.rig.actuator import actuator_name
 from haptic_driver.rig.devices import calibration_ids
@@ -52,6 +52,7 @@ class Daemon:
         self.event_log = events = EventLog()
         self._orders = orders = Orders(settings, shared, events, clock)
         self._loader = Loader()
+        self._painter = Loader("painter")  # begun when somebody looks
         self._targets = targets = Targets(shared, orders, events, clock, self._reachable, self._loader)
         self._recordings = Recordings(shared, events, lambda: self.settings, identified)
         self.supervisor = Supervisor(settings, shared, orders, events, clock)
@@ -87,6 +88,7 @@ class Daemon:
             thread.join()
         self.supervisor.end()
         self._loader.close()
+        self._painter.close()
         output_on = self.supervisor.close()
         with suppress(HapticError):
             self._recordings.stop()
@@ -105,7 +107,7 @@ class Daemon:
     @property
     def pids(self) -> dict[str, int]:
         """Process ids by name, for whoever supervises or tests."""
-        return self.supervisor.pids | self._recordings.pids | self._loader.pids
+        return self.supervisor.pids | self._recordings.pids | self._loader.pids | self._painter.pids
 
     def _start_threads(self) -> None:
         pump = self._orders.pump
@@ -133,6 +135,7 @@ class Daemon:
         """The present state."""
         output, now_s, recording = self.shared.output.read(), self._clock(), self._recordings.path
         orders, targets, settings = self._orders, self._targets, self.settings
+        load_n, reachable_cof = targets.reach()
         with orders.lock:
             machine, rendering, output_on = orders.machine, orders.rendering, orders.pump.output_on
             return Status(
@@ -142,9 +145,11 @@ class Daemon:
                 model=settings.model,
                 texture=targets.name if rendering else None,
                 target_cof=targets.asked_cof(output) if rendering else None,
-                measured_cof=self._measured_cof(),
+                measured_cof=_measured_cof(self.shared.ring.newest(MEASURED_SAMPLES)),
+                reachable_cof=list(reachable_cof),
                 frequency_hz=output.frequency_hz if rendering and output_on else None,
                 voltage_v=0.0 if output_on is False else output.voltage_v if rendering else None,
+                current_rms_a=self._current_a(output, load_n) if rendering and output_on else None,
                 output_on=output_on,
                 ticks=output.tick,
                 overruns=output.overruns,
@@ -153,6 +158,7 @@ class Daemon:
                 flags=orders.flags(output).names(),
                 fault=machine.fault_reason,
                 lease_left_s=max(machine.lease_until_s - now_s, 0.0) if machine.armed else None,
+                lease_holder=machine.holder,
                 actuator=actuator_name(settings.config),
                 real_time=self.supervisor.real_time,
                 latency_budget_s=settings.latency_budget_s,
@@ -161,13 +167,13 @@ class Daemon:
                 recording_fault=self._recordings.fault,
             )
 
-    def arm(self, lease_s: float) -> Lease:
+    def arm(self, lease_s: float, holder: str = SOMEBODY) -> Lease:
         """Idle -> armed."""
         with self._orders.lock:
             self.supervisor.refuse_unless_ready(self.settings, self._orders.machine.state)
-            lease = self._orders.arm(lease_s)
+            lease = self._orders.arm(lease_s, holder)
             self._targets.forget()
-            self.event_log.tell("state", f"armed, lease {lease_s:g} s")
+            self.event_log.tell("state", f"armed by {holder}, lease {lease_s:g} s")
         return lease
 
     def renew(self, token: str) -> Lease:
@@ -245,6 +251,10 @@ class Daemon:
         """Names that `play` knows."""
         return texture_names(texture_dirs())
 
+    def models(self) -> list[str]:
+        """Names that `use_model` knows."""
+        return config_names("models")
+
     def samples(self, since_tick: int, most: int) -> NDArray[np.void]:
         """Records after `since_tick`, the newest `most`."""
         taken = self.shared.ring.newest(min(most, RING_SAMPLES))
@@ -256,19 +266,27 @@ class Daemon:
 
     def surface_map(self) -> dict[str, Any]:
         """Friction over frequency and voltage at the usual load."""
-        return drawings.surface_map(self.settings.surface)
+        return drawings.surface_map(self.settings.surface, self.settings.config.operating_limits())
 
     def texture_map(self) -> dict[str, Any]:
         """Friction asked for on the screen."""
         return drawings.texture_map(self._targets.target, self._clock())
+
+    def tile(self, asked: TileRequest) -> Tile:
+        """A part of a texture of the library, as a picture."""
+        return drawings.tile(self._painter, asked)
 
     # --- inside ------------------------------------------------------------------------------------------------
 
     def _reachable(self, normal_force_n: float) -> tuple[float, float]:
         return self.settings.render.tick.controller.reachable(normal_force_n)
 
-    def _measured_cof(self) -> float | None:
-        """Mean over the last samples; None without sliding contact."""
-        measured = self.shared.ring.newest(MEASURED_SAMPLES)["measured_cof"]
-        sliding = measured[np.isfinite(measured)]
-        return float(sliding.mean()) if sliding.size else None
+    def _current_a(self, output: Output, normal_force_n: float) -> float:
+        controller = self.settings.render.tick.controller
+        return controller.current_a(output.frequency_hz, output.voltage_v, normal_force_n)
+
+
+def _measured_cof(samples: NDArray[np.void]) -> float | None:
+    """Mean over samples; None without sliding contact."""
+    sliding = samples["measured_cof"][np.isfinite(samples["measured_cof"])]
+    return float(sliding.mean()) if sliding.size else None

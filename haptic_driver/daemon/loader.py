@@ -30,9 +30,11 @@ from haptic_driver.processes.child import Child
 from haptic_driver.processes.shared_memory import TARGET_BYTES
 from haptic_driver.render.texture import Target
 from haptic_driver.surface.models import load_model
-from haptic_driver.textures.library import load
+from haptic_driver.textures.library import load, load_texture, texture_names
 from haptic_driver.textures.reach import Demand, demand
+from haptic_driver.textures.tile import Grid, cell_means, levels
 from model.description import ModelDescription
+from model.support.errors import nearest
 
 MEMORY_BYTES = 256 << 20
 TIME_S = 5.0
@@ -42,9 +44,13 @@ NICENESS = 19  # the most, whatever control has
 
 
 class Loader:
-    """The process as control sees it; started again when it is needed. Thread-safe."""
+    """The process as control sees it; started again when it is needed. Thread-safe.
 
-    def __init__(self) -> None:
+    `name` is what `pids` calls it: whoever plays a texture does not wait for whoever looks at one.
+    """
+
+    def __init__(self, name: str = "loader") -> None:
+        self._name = name
         self._lock = threading.Lock()
         self._child: Child | None = None
         self._link: Connection | None = None
@@ -60,6 +66,11 @@ class Loader:
         found: tuple[Target, Demand] = self._ask(_texture, name, reachable_cof)
         return found
 
+    def tile(self, name: str, grid: Grid) -> tuple[float, float, bytes]:
+        """A texture of the library: its lowest and highest friction, and `levels` of a grid. Raises HapticError."""
+        found: tuple[float, float, bytes] = self._ask(_tile, name, grid)
+        return found
+
     def model(self, name: str) -> ModelDescription:
         """A model. Raises HapticError."""
         found: ModelDescription = self._ask(load_model, name)
@@ -69,7 +80,7 @@ class Loader:
     def pids(self) -> dict[str, int]:
         """Its process id, while there is one."""
         child = self._child
-        return {"loader": child.pid} if child is not None else {}
+        return {self._name: child.pid} if child is not None else {}
 
     def close(self) -> None:
         """End it."""
@@ -116,7 +127,7 @@ class Loader:
             ours, theirs = socket.socketpair()
             with theirs:
                 self._link = Connection(ours.detach())
-                self._child = Child("loader", __name__, [theirs.fileno()], descriptors=[theirs.fileno()])
+                self._child = Child(self._name, __name__, [theirs.fileno()], descriptors=[theirs.fileno()])
         return self._child, self._link
 
     def _end(self) -> None:
@@ -130,6 +141,17 @@ class Loader:
 def _texture(name: str, reachable_cof: tuple[float, float]) -> tuple[Target, Demand]:
     target = load(name, texture_dirs()).target
     return target, demand(target, reachable_cof)
+
+
+def _tile(name: str, grid: Grid) -> tuple[float, float, bytes]:
+    names = texture_names(texture_dirs())
+    if name not in names:
+        raise BadInputError(
+            "unknown_texture", f"there is no texture '{name[:200]}' in the library", nearest(name, names)
+        )
+    texture = load_texture(name, texture_dirs())
+    low, high = texture.bounds()
+    return low, high, levels(cell_means(texture, grid), low, high)
 
 
 def _too_much(name: str) -> BadInputError:

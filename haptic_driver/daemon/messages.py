@@ -15,9 +15,11 @@ from haptic_driver.errors import HapticError
 from haptic_driver.recording.event import Event
 
 LEASE_HEADER = "X-Haptic-Lease"
+SOMEBODY = "somebody"  # who holds a lease and did not say
 HIGHEST_ASKED_COF = 10.0  # twice what a texture file may say
 MOST_SAMPLES = 2000  # what turns into JSON in a few milliseconds, of which the set-point pump loses as many
 MOST_COUNT = 2**62
+MOST_TILE_CELLS = 256  # per side: a fraction of a second of a process that waits for all others
 
 Column = list[float | int | None]
 Since = Annotated[int, Field(ge=0, le=MOST_COUNT, description="Only what comes after this number.")]
@@ -65,8 +67,12 @@ class Status(Checked):
     texture: str | None
     target_cof: float | None
     measured_cof: float | None
+    reachable_cof: Annotated[
+        list[float], Field(min_length=2, max_length=2)
+    ]  # lowest and highest, under the present load
     frequency_hz: float | None
     voltage_v: float | None
+    current_rms_a: float | None  # into the sliding finger, as the surface says of what is commanded
     output_on: bool | None
     ticks: int
     overruns: int
@@ -75,6 +81,7 @@ class Status(Checked):
     flags: list[str]
     fault: str | None
     lease_left_s: float | None
+    lease_holder: str | None  # as it calls itself
     actuator: str  # "setpoints over SCPI" or "analog envelope"
     real_time: bool
     latency_budget_s: dict[str, float]
@@ -120,6 +127,7 @@ class ArmRequest(Request):
     """`haptic arm`."""
 
     lease_s: Annotated[FiniteFloat, Field(ge=0.1, le=60.0)] = 0.5
+    holder: Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[^\x00-\x1f]+$")] = SOMEBODY
 
 
 class RecordingRequest(Request):
@@ -141,10 +149,40 @@ class SinceTick(Checked, extra="ignore"):
     most: Annotated[int, Field(ge=1, le=MOST_SAMPLES, description="The newest so many.")] = 1000
 
 
+class TileRequest(Checked, extra="ignore"):
+    """The query of `GET /tile`: a texture of `GET /textures`, the corner with the least x and y, and square cells."""
+
+    name: Annotated[str, Field(min_length=1, max_length=200)]
+    x_m: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)] = 0.0
+    y_m: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)] = 0.0
+    pitch_m: Annotated[FiniteFloat, Field(ge=1e-6, le=0.01)]
+    columns: Annotated[int, Field(ge=1, le=MOST_TILE_CELLS)] = MOST_TILE_CELLS
+    rows: Annotated[int, Field(ge=1, le=MOST_TILE_CELLS)] = MOST_TILE_CELLS
+
+
+class Tile(Checked):
+    """Friction averaged over each cell, row by row along +y: bytes in base64.
+
+    0 where nothing is asked for, 1 at `cof_low` to 255 at `cof_high`, between which the whole texture lies.
+    """
+
+    columns: int
+    rows: int
+    cof_low: float
+    cof_high: float
+    levels: str
+
+
 class TextureNames(Checked):
     """What `GET /textures` answers."""
 
     textures: list[str]
+
+
+class ModelNames(Checked):
+    """What `GET /models` answers."""
+
+    models: list[str]
 
 
 class Events(Checked):
@@ -154,11 +192,15 @@ class Events(Checked):
 
 
 class SurfaceMap(Checked):
-    """Friction over frequency and voltage, `cof[frequency][voltage]`, at the usual load."""
+    """Friction over frequency and voltage, `cof[frequency][voltage]`, at the usual load, as far as the rig may go.
+
+    `limits_v`: by each limit, the highest voltage at each frequency; null where that limit has none.
+    """
 
     frequency_hz: list[float]
     voltage_v: list[float]
     cof: list[list[float | None]]
+    limits_v: dict[str, list[float | None]]
 
 
 class TextureMap(Checked):
@@ -186,8 +228,13 @@ class TickSummary(Checked):
 
 
 class StateFrame(Checked):
-    """One message of the WebSocket `/state`: the status, the newest sample, and how the ticks went."""
+    """One message of the WebSocket `/state`: the status, the newest sample, and how the ticks went.
 
+    `time_s` and `unix_time_s` are now, by the clock of samples and events and by that on the wall.
+    """
+
+    time_s: float
+    unix_time_s: float
     status: Status
     newest: dict[str, float | int | None] | None
     ticks: TickSummary

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 
 from haptic_driver.daemon.event_log import EventLog
-from haptic_driver.daemon.messages import DaemonState, Lease
+from haptic_driver.daemon.messages import SOMEBODY, DaemonState, Lease
 from haptic_driver.daemon.output_pump import OutputPump
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.daemon.state_machine import StateMachine
@@ -46,10 +46,10 @@ class Orders:
         with self.lock:
             self._order_now()
 
-    def arm(self, lease_s: float) -> Lease:
+    def arm(self, lease_s: float, holder: str = SOMEBODY) -> Lease:
         """Idle -> armed, without flags."""
         with self.lock:
-            lease = self.machine.arm(self._clock(), lease_s)
+            lease = self.machine.arm(self._clock(), lease_s, holder)
             self._flags = Flag(0)
             self._order_now()
             self._armed_at = self.order.number

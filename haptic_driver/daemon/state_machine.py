@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 from math import inf
 
-from haptic_driver.daemon.messages import DaemonState, Lease, RefusedError
+from haptic_driver.daemon.messages import SOMEBODY, DaemonState, Lease, RefusedError
 
 DISCONNECTED, IDLE, ARMED, RENDERING, FAULT = DaemonState
 
@@ -22,6 +22,7 @@ class StateMachine:
         self.fault_reason: str | None = None
         self.arming = 0
         self.lease_until_s = -inf
+        self.holder: str | None = None
         self._lease: Lease | None = None
 
     @property
@@ -34,16 +35,16 @@ class StateMachine:
         if self.state is DISCONNECTED:
             self.state = IDLE
 
-    def arm(self, now_s: float, lease_s: float) -> Lease:
-        """Idle -> armed."""
+    def arm(self, now_s: float, lease_s: float, holder: str = SOMEBODY) -> Lease:
+        """Idle -> armed; `holder` is what others are told of who armed."""
         if self.armed:
-            raise RefusedError("already_armed", "somebody holds the lease", "wait for it to end, or disarm first")
+            raise RefusedError("already_armed", f"{self.holder} holds the lease", "wait for it to end, or disarm first")
         if self.state is FAULT:
             raise RefusedError("fault", f"the daemon is in fault: {self.fault_reason}", "remove the cause, then reset")
         if self.state is not IDLE:
             raise RefusedError("not_connected", "the rig is not connected yet", "wait until the state is idle")
         self._lease = Lease(token=secrets.token_urlsafe(16), lease_s=lease_s)
-        self.state = ARMED
+        self.state, self.holder = ARMED, holder
         self.arming += 1
         self.lease_until_s = now_s + lease_s
         return self._lease
@@ -68,7 +69,7 @@ class StateMachine:
         """Armed or rendering -> idle."""
         if self.armed:
             self.state = IDLE
-        self._lease, self.lease_until_s = None, -inf
+        self._lease, self.holder, self.lease_until_s = None, None, -inf
 
     def fault(self, reason: str) -> bool:
         """Any state -> fault; True when that is news. The first reason is kept."""
@@ -87,7 +88,7 @@ class StateMachine:
         if self._lease is None:
             raise RefusedError("not_armed", f"nobody holds a lease; the daemon is {self.state}", "arm first")
         if not secrets.compare_digest(token.encode(), self._lease.token.encode()):
-            raise RefusedError("not_yours", "somebody else holds the lease", "wait for it to end, or disarm and arm")
+            raise RefusedError("not_yours", f"{self.holder} holds the lease", "wait for it to end, or disarm and arm")
         if now_s > self.lease_until_s:
             raise RefusedError("lease_expired", "the lease has run out", "arm again, and renew it in time")
         return self._lease

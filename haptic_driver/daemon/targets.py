@@ -50,7 +50,7 @@ class Targets:
     def set(self, token: str, cof: float, *, nearest: bool) -> None:
         """One friction everywhere. Raises BadInputError for one far out of reach, unless the nearest will do."""
         self._orders.renew(token)  # who may not ask is not told what is reachable
-        load_n, (low, high) = self._reach()
+        load_n, (low, high) = self.reach()
         if not (nearest or (1.0 - FAR) * low <= cof <= (1.0 + FAR) * high):
             raise _out_of_reach(f"friction {cof:g} is", load_n, low, high)
         self._hand_over(token, Uniform(cof), None)
@@ -59,7 +59,7 @@ class Targets:
     def play(self, token: str, texture: str, *, nearest: bool) -> None:
         """A texture, or a script from its beginning. Raises BadInputError as `set` does, where most of it is far."""
         self._orders.renew(token)
-        load_n, (low, high) = self._reach()
+        load_n, (low, high) = self.reach()
         target, asked = self._loader.texture(texture, ((1.0 - FAR) * low, (1.0 + FAR) * high))
         if not nearest and asked.share_below + asked.share_above > MOST_FAR:
             what = f"most of {texture}, {asked.cof_low:.3g} to {asked.cof_high:.3g}, is"
@@ -74,7 +74,7 @@ class Targets:
         known = output.target == self._orders.order.target and math.isfinite(output.target_cof)
         return output.target_cof if known else None
 
-    def _reach(self) -> tuple[float, tuple[float, float]]:
+    def reach(self) -> tuple[float, tuple[float, float]]:
         """The load of the finger that is there now, N, and the lowest and highest friction under it."""
         sensed = self._shared.sensed.read()
         load_n = sensed.normal_force_n if sensed.touching and sensed.normal_force_n > 0.0 else USUAL_FORCE_N

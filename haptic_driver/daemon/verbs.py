@@ -54,7 +54,7 @@ def _samples(daemon: Daemon, asked: messages.SinceTick, token: str) -> messages.
 
 
 ARM = Verb(
-    "arm", "POST", "/arm", messages.ArmRequest, Lease, lambda daemon, asked, _: daemon.arm(asked.lease_s),
+    "arm", "POST", "/arm", messages.ArmRequest, Lease, lambda daemon, asked, _: daemon.arm(asked.lease_s, asked.holder),
     "Idle to armed. The lease is to be renewed within `lease_s`, or the output ramps to zero.",
 )  # fmt: skip
 RENEW = Verb(
@@ -116,6 +116,15 @@ TEXTURE = Verb(
     lambda daemon, *_: messages.TextureMap(**daemon.texture_map()),
     "Friction over the screen, of the texture that plays.",
 )  # fmt: skip
+TILE = Verb(
+    "tile", "GET", "/tile", messages.TileRequest, messages.Tile, lambda daemon, asked, _: daemon.tile(asked),
+    "A part of a texture of the library as it is felt, averaged where it is finer than a cell.",
+)  # fmt: skip
+MODELS = Verb(
+    "models", "GET", "/models", Empty, messages.ModelNames,
+    lambda daemon, *_: messages.ModelNames(models=daemon.models()),
+    "Names that `/model` knows.",
+)  # fmt: skip
 
 COMMANDS: tuple[Verb[Any, Any], ...] = (ARM, RENEW, SET, PLAY, OFF, DISARM, RESET, USE_MODEL, RECORD)
-VIEWS: tuple[Verb[Any, Any], ...] = (STATUS, TEXTURES, EVENTS, SAMPLES, SURFACE, TEXTURE)
+VIEWS: tuple[Verb[Any, Any], ...] = (STATUS, TEXTURES, EVENTS, SAMPLES, SURFACE, TEXTURE, TILE, MODELS)

@@ -130,7 +130,8 @@ Held = Sequence[Control]  # numba's list of one: to hand over so many fields at 
 class Controller:
     """The stage with everything that depends on settings alone worked out once. Raises BadInputError.
 
-    Its `step`, `along` and `reachable` are the compiled functions of these names, told what they are to hold on to.
+    Its `step`, `along`, `reachable` and `current_a` are the compiled functions of these names, told what they are to
+    hold on to.
     """
 
     def __init__(self, settings: ControllerSettings) -> None:
@@ -152,6 +153,7 @@ class Controller:
         )
         held = hold(control)
         self.step, self.along, self.reachable = partial(step, held), partial(along, held), partial(reachable, held)
+        self.current_a = partial(current_a, held)
 
     def __reduce__(self) -> tuple[type[Controller], tuple[ControllerSettings]]:
         """Another process works it out again: what numba holds cannot be sent."""
@@ -333,3 +335,10 @@ def reachable(held: Held, normal_force_n: float) -> tuple[float, float]:
         frequency_hz = np.exp(control.surface.log_frequency[best_node(control, np.inf, normal_force_n)])
     most = invert(control.surface, np.inf, frequency_hz, normal_force_n, control.caps)
     return most.cof_low, most.cof_high
+
+
+@kernel
+def current_a(held: Held, frequency_hz: float, voltage_v: float, normal_force_n: float) -> float:
+    """Current into the sliding finger at one point, A rms, as the surface says."""
+    surface = held[0].surface
+    return at_voltage(surface, surface.current_rms_a, place_of(surface, frequency_hz, normal_force_n), voltage_v)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,9 @@ LATENESS_EDGES_S = [0.0, 10e-6, 20e-6, 50e-6, 100e-6, 200e-6, 500e-6, 1e-3, 2e-3
 def state_frame(status: Status, samples: NDArray[np.void]) -> StateFrame:
     """A frame from the samples [n] since the one before."""
     newest = {name: column[0] for name, column in sample_columns(samples[-1:]).items()} if samples.size else None
-    return StateFrame(status=status, newest=newest, ticks=tick_summary(samples))
+    return StateFrame(
+        time_s=time.monotonic(), unix_time_s=time.time(), status=status, newest=newest, ticks=tick_summary(samples)
+    )
 
 
 def tick_summary(samples: NDArray[np.void]) -> TickSummary:

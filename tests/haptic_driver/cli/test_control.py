@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import select
 import signal
 import stat
@@ -71,7 +72,10 @@ def test_status_has_the_keys_of_the_contract(haptic, socket):
 
 def test_set_play_off_disarm(haptic, armed, control):
     assert done_json(haptic("set", "0.6", "--json"))["target_cof"] == 0.6
-    assert "output ON" in haptic("status").out
+    shown = haptic("status").out
+    assert "output ON" in shown
+    assert "within reach 0.50 to 0.90" in shown
+    assert "lease held by somebody" in shown
     assert done_json(haptic("texture", "play", "linen", "--json"))["texture"] == "linen"
     assert done_json(haptic("off", "--json"))["state"] == "armed"
     assert done_json(haptic("disarm", "--json"))["state"] == "idle"
@@ -170,6 +174,7 @@ def test_record_and_reset(haptic, socket, control, tmp_path, monkeypatch):
 def test_arm_holds_the_lease_for_a_time(haptic, socket, control):
     held = done_json(haptic("arm", "--for", "0.3", "--json"))
     assert (held["state"], held["lease_s"]) == ("armed", 0.5)
+    assert re.fullmatch(r"haptic arm, process \d+", control.holders[-1])
     assert control.machine.state is DaemonState.IDLE
     assert not Path(held["token_file"]).exists()
 

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import threading
 import time
+from base64 import b64encode
 from contextlib import contextmanager
 
 import numpy as np
 
-from haptic_driver.daemon.messages import DaemonState, RefusedError, Status, Timing
+from haptic_driver.daemon.messages import DaemonState, RefusedError, Status, Tile, Timing
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.state_machine import StateMachine
 from haptic_driver.daemon.web.server import serve
@@ -40,6 +41,8 @@ class BenchControl:
         self.cof = None
         self.texture = None
         self.recording = None
+        self.flags = []
+        self.holders = []
         self.model = "reference"
         self.shown_off = True  # whether switching off can be shown
         self.told = []
@@ -67,15 +70,18 @@ class BenchControl:
                 texture=self.texture if rendering else None,
                 target_cof=self.cof if rendering else None,
                 measured_cof=float("nan"),
+                reachable_cof=[0.5, 0.9],
                 frequency_hz=250.0 if rendering else None,
                 voltage_v=75.0 if rendering else 0.0,
+                current_rms_a=20e-6 if rendering else None,
                 output_on=rendering if self.shown_off else None,
                 ticks=self.ticks,
                 overruns=0,
                 underruns=0,
-                flags=[],
+                flags=self.flags,
                 fault=self.machine.fault_reason,
                 lease_left_s=self.machine.lease_until_s - time.monotonic() if self.machine.armed else None,
+                lease_holder=self.machine.holder,
                 actuator="none",
                 real_time=False,
                 latency_budget_s={"total": 0.01},
@@ -89,10 +95,11 @@ class BenchControl:
         self.calls.append((name, *arguments))
         self._expire()
 
-    def arm(self, lease_s):
+    def arm(self, lease_s, holder="somebody"):
         with self._lock:
             self._change("arm", lease_s)
-            lease = self.machine.arm(time.monotonic(), lease_s)
+            self.holders.append(holder)
+            lease = self.machine.arm(time.monotonic(), lease_s, holder)
             self._tell("state", "armed")
             return lease
 
@@ -165,6 +172,9 @@ class BenchControl:
     def textures(self):
         return ["grating", "linen"]
 
+    def models(self):
+        return ["other", "reference"]
+
     def samples(self, since_tick, most):
         samples = np.zeros(5, SAMPLE)
         samples["tick"] = np.arange(self.ticks, self.ticks + 5)
@@ -176,7 +186,18 @@ class BenchControl:
         return [event for event in self.told if event.number > since]
 
     def surface_map(self):
-        return {"frequency_hz": [100.0, 200.0], "voltage_v": [0.0, 50.0], "cof": [[0.5, 0.6], [0.5, None]]}
+        return {
+            "frequency_hz": [100.0, 200.0],
+            "voltage_v": [0.0, 50.0],
+            "cof": [[0.5, 0.6], [0.5, None]],
+            "limits_v": {"voltage": [40.0, 40.0], "slew rate": [None, 30.0]},
+        }
+
+    def tile(self, asked):
+        low, high, cells = 0.5, 0.7, np.ones(asked.columns * asked.rows, np.uint8)
+        return Tile(
+            columns=asked.columns, rows=asked.rows, cof_low=low, cof_high=high, levels=b64encode(cells).decode()
+        )
 
     def texture_map(self):
         return {"x_m": [0.0, 0.01], "y_m": [0.0], "cof": [[0.5, None]]}

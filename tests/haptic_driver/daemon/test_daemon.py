@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import time
+from base64 import b64decode
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,7 +20,7 @@ import pytest
 
 from haptic_driver.config import find_config
 from haptic_driver.daemon import recordings
-from haptic_driver.daemon.messages import DaemonState
+from haptic_driver.daemon.messages import DaemonState, TileRequest
 from haptic_driver.daemon.set_up import latency_budget_s
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.recording.read import read_run
@@ -57,6 +58,9 @@ def test_friction_follows_its_target_through_bytes_and_back(daemon, electrode_v)
         keep_rendering(daemon, lease.token, settled)
     status = daemon.status()
     assert status.simulated
+    low, high = status.reachable_cof
+    assert 0.4 < low < 0.68 < high
+    assert 1e-6 < status.current_rms_a < 0.5e-3  # below the limit for the public
     assert (status.target_cof, status.texture) == (0.68, None)
     status = daemon.off()
     assert electrode_v() == 0.0
@@ -253,12 +257,35 @@ def test_textures_are_swapped_while_they_play_and_can_be_drawn(daemon):
     assert np.ptp(grating[x < 0.02]) > 0.02
 
 
+def test_a_texture_of_the_library_can_be_looked_at_without_keeping_who_plays_one(daemon):
+    asked = TileRequest(name="fine_grating", pitch_m=1e-4, columns=100, rows=2)
+    tile = daemon.tile(asked)
+    levels = np.frombuffer(b64decode(tile.levels), np.uint8).reshape(2, 100)
+    assert np.abs(np.fft.rfft(levels[0]))[1:].argmax() + 1 == 10  # of 1 mm, over 10 mm
+    assert (tile.cof_low, tile.cof_high) == pytest.approx((0.58, 0.72))
+    assert daemon.pids["painter"] != daemon.pids["loader"]
+
+
 def test_the_surface_can_be_drawn(daemon, surface_file):
     drawn = daemon.surface_map()
     cof = np.array(drawn["cof"], dtype=float)
     assert cof.shape == (len(drawn["frequency_hz"]), len(drawn["voltage_v"]))
-    assert drawn["frequency_hz"][0] == pytest.approx(surface_file.frequency_hz[0])
+    limits = daemon.settings.config.operating_limits()
+    assert limits.frequency_low_hz <= drawn["frequency_hz"][0] <= 1.1 * limits.frequency_low_hz
+    assert max(drawn["limits_v"]["voltage"]) == limits.voltage_v
+    assert drawn["voltage_v"][-1] <= 1.2 * limits.voltage_v
     assert np.all(np.diff(cof[10][np.isfinite(cof[10])]) >= 0.0)
+
+
+def test_the_limits_that_are_drawn_are_those_that_are_kept(daemon, surface_file):
+    """The least of them forbids what the surface file marks as forbidden, by code of its own."""
+    drawn = daemon.surface_map()
+    lowest_v = np.min([[np.inf if v is None else v for v in one] for one in drawn["limits_v"].values()], axis=0)
+    load = int(np.abs(surface_file.normal_force_n - 0.5).argmin())
+    for hz, most_v in zip(drawn["frequency_hz"], lowest_v, strict=True):
+        allowed = surface_file.within_limits[int(np.argmin(np.abs(surface_file.frequency_hz - hz))), :, load]
+        marked_v = surface_file.voltage_v[np.flatnonzero(allowed)[-1]]
+        assert most_v <= marked_v + np.diff(surface_file.voltage_v)[0]
 
 
 def test_samples_and_events_are_told_once(daemon):

@@ -13,6 +13,7 @@ from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import Uniform
+from haptic_driver.textures.tile import Grid
 from tests.waiting import until
 
 REACHABLE_COF = (0.5, 1.0)
@@ -230,3 +231,15 @@ def test_it_has_no_precedence_and_ends_with_control(loader):
     child = loader._child
     loader._link.close()  # as the end of control's process does
     until(lambda: child.ended)
+
+
+def test_pictures_are_of_the_library_alone(running, tmp_path):
+    low, high, levels = running.tile("braille", Grid(0.0, 0.0, 1e-3, 30, 20))
+    assert (low, high, len(levels)) == (pytest.approx(0.55, abs=0.01), pytest.approx(0.8, abs=0.01), 600)
+    own = tmp_path / "own.toml"
+    own.write_text('kind = "uniform"\ncof = 0.6\n')
+    for name in (str(own), "../textures/linen", "linnen", "linen.toml"):
+        with pytest.raises(BadInputError, match="in the library"):
+            running.tile(name, Grid(0.0, 0.0, 1e-3, 3, 2))
+    with pytest.raises(BadInputError, match="not a texture"):
+        running.tile("steps", Grid(0.0, 0.0, 1e-3, 3, 2))

@@ -1,223 +1,179 @@
-// The page: hears the daemon's state, shows it, and hands over what the user asks for. The daemon judges, not the page.
+// The page: hears the daemon's state, and has everything shown that has changed.
 
 import { Refusal, Stream, ask } from "./connection.js";
-import { drawFinger, drawFriction, drawLateness, drawSurface, limits, picture } from "./plots.js";
+import { Controls } from "./controls.js";
+import { Happened } from "./flags.js";
+import { History, errorOf } from "./history.js";
+import { SCALE, levelOf, readTheme } from "./palette.js";
+import { Screen } from "./screen.js";
+import { Surface } from "./surface.js";
+import { drawTimePlot } from "./timeplot.js";
 
-const SPAN_S = 10; // what the plots show
-const TRAIL = 30; // frames
-const LEASE_S = 2; // browsers slow hidden pages down to about one action per second
-const MOST_EVENTS = 300;
-const TEXTURE_MS = 1000; // between looks at a texture that plays; scripts change theirs
+const SPANS_S = [10, 60, 600];
 const SAMPLES_MS = 250; // between looks at the ticks themselves
-const MOST_SAMPLES = 500;
+const MOST_SAMPLES = 2000; // a busy machine may keep the page waiting
+const SLOW_MS = 1000; // between looks at what seldom changes: the surface, a texture that is in no library
+const TRAIL_EVERY = 8; // ticks
+const POINTS = 30; // frames of which the operating point is remembered
+const READ_MS = 240; // numbers that change faster are not read
+const ERROR_S = 1; // of samples, each against its own target
+const LATE_S = 10; // frames of which the ticks are summed up
 
 const $ = (id) => document.getElementById(id);
 const page = {
-  frames: [], samples: [], newestTick: 0, fetching: false, status: null, surface: null, surfaceOf: null, texture: null, textureOf: null,
-  lease: null, linked: false, awaited: 0,
+  status: null, newest: null, frames: [], linked: false, awaited: 0, fetching: false, newestTick: 0, newestS: 0, wallS: 0,
+  surfaceOf: null, textures: [], selected: "", textureOf: null, history: new History(SPANS_S), spanS: SPANS_S[0], paused: null, readMs: 0, state: "",
 };
+readTheme();
+const screen = new Screen($("texture-map"), $("finger"), { marks: $("marks"), here: $("here"), ahead: $("ahead"), nobody: $("nobody") });
+const surface = new Surface($("surface-map"), $("surface"), $("surface-said"));
+const controls = new Controls((name) => { page.selected = name; showTexture(); });
+const happened = new Happened();
 
-// --- commands ---------------------------------------------------------------------------------------------------
+// --- what there is to show ----------------------------------------------------------------------------------------
 
-function showRefusal(error) {
-  $("refusal-message").textContent = error.message;
-  $("refusal-hint").textContent = error.hint ?? "";
-  $("refusal").hidden = false;
-}
-
-// Run one command; what the daemon refuses is shown, and a success takes an older refusal away.
-async function command(work) {
+// Refusals are as good as silence here: what is shown stays, and the next look may do.
+async function quietly(work) {
   try {
-    const status = await work();
-    $("refusal").hidden = true;
-    return status;
+    return await work();
   } catch (error) {
     if (!(error instanceof Refusal)) throw error;
-    showRefusal(error);
     return null;
   }
 }
 
-async function off() {
-  $("off").setAttribute("aria-busy", "true");
-  const status = await command(() => ask("POST", "/off"));
-  $("off").removeAttribute("aria-busy");
-  if (status && status.output_on !== false)
-    showRefusal(new Refusal("not_off", "Switching off was ordered, but nothing shows yet that the output is off.",
-      "Look at the output above; use the emergency stop if it does not say OFF."));
+async function fetchSurface() {
+  const of = page.status?.surface_hash;
+  if (!page.linked || of === page.surfaceOf) return;
+  const found = await quietly(() => ask("GET", "/surface"));
+  if (!found) return;
+  page.surfaceOf = of;
+  surface.show(found);
 }
 
-function dropLease(words) {
-  clearInterval(page.lease?.timer);
-  page.lease = null;
-  $("lease").textContent = words;
+// The ticks themselves: textures are too fast for the frames.
+async function fetchSamples() {
+  if (!page.linked || page.fetching) return;
+  page.fetching = true;
+  const columns = await quietly(() => ask("GET", `/samples?since=${page.newestTick}&most=${MOST_SAMPLES}`));
+  page.fetching = false;
+  if (!columns?.tick.length || !page.status) return;
+  const { reachable_cof: [reachLow, reachHigh], current_rms_a } = page.status, places = [];
+  columns.tick.forEach((tick, i) => {
+    const on = columns.output_on[i], touching = columns.in_contact[i] > 0;
+    page.history.add({
+      time_s: columns.time_s[i], touching, target: columns.target_cof[i], measured: columns.measured_cof[i],
+      expected: on ? columns.expected_cof[i] : null, reachLow, reachHigh,
+      force: touching ? columns.normal_force_n[i] : null, voltage: columns.voltage_v[i], current: on && current_rms_a !== null ? 1e6 * current_rms_a : null,
+    });
+    if (tick % TRAIL_EVERY === 0 && touching && columns.position_x_m[i] !== null)
+      places.push({ time_s: columns.time_s[i], x_m: columns.position_x_m[i], y_m: columns.position_y_m[i], cof: columns.measured_cof[i] });
+  });
+  page.newestTick = columns.tick.at(-1);
+  page.newestS = columns.time_s.at(-1);
+  screen.follow(places, page.newestS);
+  if (!page.paused) showTime();
 }
 
-async function renew() {
-  const lease = page.lease;
-  if (!lease || lease.renewing || !page.linked) return; // nobody keeps up what nobody sees
-  lease.renewing = true;
-  try {
-    await ask("POST", "/renew", undefined, lease.token);
-  } catch (error) {
-    if (page.lease === lease) dropLease(`The lease is gone: ${error.message}`);
-  }
-  lease.renewing = false;
+// What plays, or what is selected while nothing does.
+function showTexture() {
+  const { status, selected } = page;
+  if (!status) return;
+  screen.reach = status.reachable_cof;
+  const playing = status.state === "rendering", name = playing ? status.texture : selected;
+  const of = JSON.stringify([playing, name, playing && name === null ? status.target_cof : 0]);
+  if (of === page.textureOf) return;
+  page.textureOf = of;
+  if (playing && name === null) screen.showFlat(status.target_cof, `friction ${status.target_cof}`);
+  else if (!name) screen.showNothing("no texture");
+  else if (playing && !page.textures.includes(name)) showPlaying();
+  else screen.showTexture(name, playing ? name : `${name}, not playing`, playing ? showPlaying : () => screen.showNothing(`${name}, not playing`));
 }
 
-async function arm() {
-  const lease = await command(() => ask("POST", "/arm", { lease_s: LEASE_S }));
-  if (!lease) return;
-  dropLease("");
-  page.lease = { token: lease.token, timer: setInterval(renew, (1000 * lease.lease_s) / 5) };
-  $("lease").textContent = `This page holds the lease and renews it; without it the output ramps to zero within ${lease.lease_s} s.`;
+// What plays is in no library, or changes with time: the daemon's coarse map of it.
+async function showPlaying() {
+  const map = await quietly(() => ask("GET", "/texture")), { status } = page;
+  if (!map || status?.state !== "rendering" || !status.texture) return;
+  const values = map.cof.flat().filter((cof) => cof !== null), ends = [Math.min(...values), Math.max(...values)];
+  const range = ends[1] > ends[0] ? ends : status.reachable_cof;
+  const picture = document.createElement("canvas");
+  [picture.width, picture.height] = [map.x_m.length, map.y_m.length];
+  const pen = picture.getContext("2d"), image = pen.createImageData(picture.width, picture.height);
+  map.cof.flat().forEach((cof, i) => { if (cof !== null) image.data.set([...SCALE[levelOf(cof, range)], 255], 4 * i); });
+  pen.putImageData(image, 0, 0);
+  screen.showCoarse({ ...map, picture, range }, `${status.texture}, coarse`);
 }
 
-async function disarm() {
-  if (await command(() => ask("POST", "/disarm"))) dropLease("This page holds no lease.");
-}
-
-async function askHolding(path, body) {
-  await page.arming; // "armed" may be shown before the lease has come
-  return ask("POST", path, body, page.lease?.token);
-}
-
-function submit(id, work) {
-  $(id).addEventListener("submit", (event) => {
-    event.preventDefault();
-    command(work);
+async function fetchNames() {
+  await quietly(async () => {
+    page.textures = (await ask("GET", "/textures")).textures;
+    showTexture();
+    await controls.fetchNames();
   });
 }
 
-$("off").addEventListener("click", off);
-document.addEventListener("keydown", (event) => { if (event.key === "Escape") off(); }, true);
-$("arm").addEventListener("click", () => { page.arming = arm(); });
-$("disarm").addEventListener("click", disarm);
-$("reset").addEventListener("click", () => command(() => ask("POST", "/reset")));
-$("refusal-close").addEventListener("click", () => { $("refusal").hidden = true; });
-submit("set", () => askHolding("/set", { cof: $("cof").valueAsNumber }));
-submit("play", () => askHolding("/texture", { name: $("texture").value }));
-window.addEventListener("pagehide", () => { if (page.lease) ask("POST", "/disarm").catch(() => {}); });
-
-// --- what there is to show ----------------------------------------------------------------------------------------
-
-async function fetchOnce() {
-  try {
-    const { textures } = await ask("GET", "/textures");
-    const chosen = $("texture").value;
-    $("texture").replaceChildren(...textures.map((name) => new Option(name, name, false, name === chosen)));
-  } catch (error) {
-    showRefusal(error);
-  }
-}
-
-async function fetchSurface() {
-  if (!page.linked) return;
-  const of = page.status.surface_hash;
-  if (of === page.surfaceOf) return;
-  try {
-    const surface = await ask("GET", "/surface");
-    const columns = surface.voltage_v.map((_, v) => surface.cof.map((row) => row[v]));
-    page.surface = { ...surface, shown: picture(columns) };
-    page.surfaceOf = of;
-  } catch (error) {
-    if (!(error instanceof Refusal)) throw error;
-  }
-}
-
-async function fetchTexture() {
-  if (!page.linked) return;
-  const { state, texture, target_cof } = page.status;
-  const playing = state === "rendering", wanted = playing ? (texture ?? `friction ${target_cof}`) : "nothing";
-  if (wanted === page.textureOf && !(playing && texture)) return;
-  try {
-    const map = await ask("GET", "/texture");
-    const cof = playing ? map.cof : map.cof.map((row) => row.map(() => null));
-    page.texture = { ...map, shown: picture(cof) };
-    page.textureOf = wanted;
-  } catch (error) {
-    if (!(error instanceof Refusal)) throw error;
-  }
-}
-
-// What the friction plot shows: every other tick, since textures are too fast for the frames.
-async function fetchSamples() {
-  if (!page.linked || document.hidden || page.fetching) return;
-  page.fetching = true;
-  try {
-    const columns = await ask("GET", `/samples?since=${page.newestTick}&most=${MOST_SAMPLES}`);
-    columns.tick.forEach((tick, i) => {
-      page.newestTick = tick;
-      if (tick % 2) return;
-      page.samples.push({ time_s: columns.time_s[i], target: columns.target_cof[i], measured: columns.measured_cof[i],
-        expected: columns.output_on[i] ? columns.expected_cof[i] : null });
-    });
-    const oldest = page.samples.findIndex((sample) => sample.time_s >= page.samples.at(-1).time_s - SPAN_S);
-    page.samples.splice(0, Math.max(oldest, 0));
-  } catch (error) {
-    if (!(error instanceof Refusal)) throw error;
-  }
-  page.fetching = false;
-}
-
-setInterval(fetchSurface, TEXTURE_MS);
-setInterval(fetchTexture, TEXTURE_MS);
+setInterval(fetchSurface, SLOW_MS);
+setInterval(() => { if (screen.coarse && page.linked) showPlaying(); }, SLOW_MS);
 setInterval(fetchSamples, SAMPLES_MS);
 
-function onFrame({ status, newest, ticks }) {
-  const first = !page.linked;
-  page.linked = true;
-  page.status = status;
-  const now = performance.now() / 1000;
+// --- the daemon is heard ------------------------------------------------------------------------------------------
+
+function onFrame({ time_s, unix_time_s, status, newest, ticks }) {
+  const first = !page.linked, now = performance.now() / 1000;
+  Object.assign(page, { linked: true, status, newest, wallS: unix_time_s - time_s });
   page.frames.push({ time_s: now, newest, ticks });
-  while (page.frames[0].time_s < now - SPAN_S) page.frames.shift();
+  while (page.frames[0].time_s < now - LATE_S) page.frames.shift();
   if (first) {
     $("link").textContent = "connected";
     document.body.dataset.link = "up";
-    fetchOnce();
+    happened.clock(page.wallS);
+    fetchNames();
     fetchSurface();
-    fetchTexture();
   }
-  if (page.lease && (status.state === "idle" || status.state === "fault")) dropLease("The lease has ended.");
   if (!page.awaited) page.awaited = requestAnimationFrame(show);
 }
 
 function onLost() {
-  page.linked = false;
-  page.frames = [];
-  page.samples = [];
-  page.newestTick = 0;
-  page.status = null;
-  page.textureOf = null;
+  Object.assign(page, { linked: false, frames: [], status: null, newest: null, newestTick: 0, textureOf: null, surfaceOf: null });
+  page.history.clear();
   document.body.dataset.link = "lost";
   $("link").textContent = "connection lost";
   show();
 }
 
-function onEvent(event) {
-  const item = document.createElement("li");
-  const time = document.createElement("time"), kind = document.createElement("span"), words = document.createElement("span");
-  item.className = kind.className = "";
-  item.classList.add(event.kind);
-  kind.classList.add("kind");
-  time.textContent = `${event.time_s.toFixed(2)} s`;
-  kind.textContent = event.kind;
-  words.textContent = event.message;
-  item.append(time, kind, words);
-  $("events").prepend(item);
-  while ($("events").childElementCount > MOST_EVENTS) $("events").lastElementChild.remove();
-}
-
 new Stream("/state", { message: onFrame, lost: onLost, chatty: true });
-new Stream("/events", { opened: () => $("events").replaceChildren(), message: onEvent });
+new Stream("/events", { opened: () => happened.begin(), message: (event) => happened.add(event) });
 
 // --- showing ------------------------------------------------------------------------------------------------------
 
 const fixed = (value, digits, unit = "") => (value === null || value === undefined ? "–" : `${value.toFixed(digits)}${unit}`);
 const brief = (s) => (s === null || s === undefined ? "–" : s >= 1e-3 ? `${(s * 1e3).toFixed(1)} ms` : `${Math.round(s * 1e6)} µs`);
+const percent = (share, digits = 0) => `${(100 * share).toFixed(digits)} %`;
 
 function say(id, words) {
   if ($(id).textContent !== words) $(id).textContent = words;
+}
+
+function show() {
+  page.awaited = 0;
+  const { status, newest } = page;
+  const state = `${status?.state} ${status?.output_on} ${status?.lease_holder}`, changed = state !== page.state;
+  if (changed || performance.now() - page.readMs > READ_MS) {
+    Object.assign(page, { state, readMs: performance.now() });
+    showState(status);
+    controls.show(status);
+    if (status) showTexture();
+    if (status) showFigures(status, newest);
+    const on = page.frames.slice(-POINTS).map((f) => f.newest).filter((n) => n?.output_on && n.frequency_hz > 0);
+    surface.operates(newest?.output_on && newest.frequency_hz > 0 ? newest : null, on);
+  }
+  screen.moved(finger(newest));
+}
+
+function finger(newest) {
+  if (!newest || newest.position_x_m === null) return null;
+  const { position_x_m: x_m, position_y_m: y_m, output_x_m, output_y_m, in_contact } = newest;
+  return { x_m, y_m, output_x_m, output_y_m, touching: in_contact > 0 };
 }
 
 function showState(status) {
@@ -226,8 +182,9 @@ function showState(status) {
   document.body.dataset.state = state;
   say("state", state.toUpperCase());
   say("output", output.toUpperCase());
-  $("output").className = `pill ${output}`;
-  document.title = `${output === "on" ? "● " : ""}${state.toUpperCase()} – haptic-driver`;
+  if ($("output").className !== `pill ${output}`) $("output").className = `pill ${output}`;
+  const title = `${output === "on" ? "● " : ""}${state.toUpperCase()} – haptic-driver`;
+  if (document.title !== title) document.title = title;
   let alarm = "";
   if (!status) alarm = "Connection to the daemon lost: what this page shows is not known to be true, and the output may be on. The daemon ramps to zero by itself when the lease runs out.";
   else if (state === "fault") alarm = `Fault: ${status.fault}. Remove the cause, then reset.`;
@@ -241,67 +198,88 @@ function showFigures(status, newest) {
   say("rig", `rig ${status.rig}${status.texture ? `, texture ${status.texture}` : ""}`);
   say("target_cof", fixed(status.target_cof, 3));
   say("measured_cof", fixed(status.measured_cof, 3));
+  const error = errorOf(page.history.shown(SPANS_S[0]).buckets.filter((b) => b.time_s > page.newestS - ERROR_S));
+  say("error", error ? percent(error.rms, 1) : "–");
   say("voltage_v", fixed(status.voltage_v, 1, " V"));
   say("frequency_hz", status.frequency_hz === null ? "–" : `${Number(status.frequency_hz.toPrecision(4))} Hz`);
-  say("normal_force_n", fixed(newest?.normal_force_n, 2, " N"));
+  say("current_rms_a", status.current_rms_a === null ? "–" : `${(1e6 * status.current_rms_a).toFixed(1)} µA`);
+  say("normal_force_n", newest?.in_contact ? fixed(newest.normal_force_n, 2, " N") : "–");
   say("feedback_gain", fixed(newest?.feedback_gain, 3));
-  say("speed", newest?.in_contact ? `${(newest.speed_m_s * 1e3).toFixed(0)} mm/s` : "");
+  say("speed", newest?.in_contact ? `${(newest.speed_m_s * 1e3).toFixed(0)} mm/s` : "no finger");
   say("actuator", status.actuator);
   say("real_time", status.real_time ? "real time" : "not real time");
   const { total, ...parts } = status.latency_budget_s;
   const shares = Object.entries(parts).map(([part, s]) => `${part.replaceAll("_", " ")} ${(s * 1e3).toFixed(1)}`);
   say("latency", `${fixed(total === undefined ? null : total * 1e3, 1, " ms")}${shares.length ? `: ${shares.join(", ")}` : ""}`);
-  say("tick_count", status.ticks.toLocaleString("en"));
-  say("recording", status.recording ?? "none");
+  say("recording", status.recording_fault ? `${status.recording ?? "waiting"}; a part is missing: ${status.recording_fault}` : (status.recording ?? "none"));
   say("surface_hash", `${status.model.split("/").at(-1)}, surface ${status.surface_hash.slice(0, 12)}`);
-  showFlags(status.flags);
+  happened.showFlags(status.flags);
+  showTicks(status);
 }
 
-function showFlags(flags) {
-  const words = flags.length ? flags.map((name) => `▲ ${name.replaceAll("_", " ")}`) : ["none since arming"];
-  if ($("flags").textContent === words.join("")) return;
-  $("flags").replaceChildren(...words.map((word) => {
-    const item = document.createElement("li");
-    item.textContent = word;
-    item.classList.toggle("up", flags.length > 0);
-    return item;
-  }));
+// All about the ticks in one line.
+function showTicks(status) {
+  const late = page.frames.map((f) => f.ticks.lateness_max_s ?? 0), last = page.frames.at(-1).ticks;
+  const inTime = status.timing.in_time === null ? "" : `${percent(status.timing.in_time)} in time, `;
+  say("ticks", `Ticks: ${inTime}${brief(last.lateness_median_s)} late, ${brief(Math.max(...late))} at most in 10 s; ${brief(last.compute_median_s)} computing; ` +
+    `${status.overruns} overruns, ${status.underruns} underruns in ${status.ticks.toLocaleString("en")}`);
+  $("ticks").classList.toggle("some", status.overruns + status.underruns > 0);
 }
 
-function showTicks(status, frames) {
-  const edges = frames.at(-1)?.ticks.lateness_edges_s ?? [];
-  const counts = edges.map((_, i) => frames.reduce((sum, f) => sum + f.ticks.lateness_counts[i], 0));
-  drawLateness($("lateness"), edges, counts);
-  const last = frames.at(-1)?.ticks;
-  say("lateness_median", brief(last?.lateness_median_s));
-  say("lateness_most", brief(limits(frames.map((f) => f.ticks.lateness_max_s))?.[1]));
-  say("compute_median", brief(last?.compute_median_s));
-  for (const name of ["overruns", "underruns"]) {
-    say(name, `${status?.[name] ?? "–"}`);
-    $(name).classList.toggle("some", (status?.[name] ?? 0) > 0);
+function showTime() {
+  const shown = page.paused ?? { ...page.history.shown(page.spanS), nowS: page.newestS };
+  const error = errorOf(shown.buckets.filter((b) => b.time_s > shown.nowS - page.spanS));
+  say("span-error", error ? `error ${percent(error.rms, 1)} rms, ${percent(error.within)} of the time within 5 %` : "");
+  if (inSight.has($("friction")) && !document.hidden) drawTimePlot($("friction"), shown, shown.nowS, page.spanS, page.wallS);
+}
+
+// --- what the user looks at ---------------------------------------------------------------------------------------
+
+const inSight = new Set();
+new IntersectionObserver((entries) => {
+  for (const { target, isIntersecting } of entries) {
+    if (isIntersecting) inSight.add(target); else inSight.delete(target);
   }
+  showTime();
+}).observe($("friction"));
+
+$("pause").addEventListener("click", () => {
+  page.paused = page.paused ? null : { ...page.history.shown(page.spanS), nowS: page.newestS };
+  $("pause").setAttribute("aria-pressed", `${page.paused !== null}`);
+  say("pause", page.paused ? "Resume" : "Pause");
+  showTime();
+});
+$("spans").addEventListener("change", ({ target }) => {
+  page.spanS = Number(target.value);
+  if (page.paused) page.paused = { ...page.history.shown(page.spanS), nowS: page.paused.nowS };
+  showTime();
+});
+$("zoom-in").addEventListener("click", () => screen.zoomBy(2));
+$("zoom-out").addEventListener("click", () => screen.zoomBy(0.5));
+$("zoom-fit").addEventListener("click", () => screen.fit());
+$("finger").addEventListener("shown", ({ detail }) => say("shown", detail));
+
+function drawAll() {
+  readTheme();
+  screen.drawAll();
+  surface.draw();
+  surface.drawPoint();
+  showTime();
 }
 
-const there = (newest) => ({ x_m: newest.position_x_m, y_m: newest.position_y_m });
-
-function show() {
-  page.awaited = 0;
-  const { status, frames } = page, newest = frames.at(-1)?.newest ?? null;
-  showState(status);
-  if (status) showFigures(status, newest);
-  const recent = frames.slice(-TRAIL).map((f) => f.newest).filter((n) => n !== null);
-  const touching = recent.filter((n) => n.in_contact && n.position_x_m !== null);
-  const on = recent.filter((n) => n.output_on && n.frequency_hz > 0);
-  drawFriction($("friction"), page.samples, newest?.time_s ?? page.samples.at(-1)?.time_s ?? 0, SPAN_S);
-  drawSurface($("surface"), page.surface, newest?.output_on && newest.frequency_hz > 0 ? newest : null, on);
-  drawFinger($("finger"), page.texture, finger(newest), touching.map(there));
-  showTicks(status, frames);
+const THEMES = { auto: "light dark", light: "light", dark: "dark" };
+function setTheme(name) {
+  document.documentElement.style.colorScheme = THEMES[name];
+  localStorage.setItem("theme", name);
+  say("theme", `◐ ${name}`);
+  $("theme").setAttribute("aria-label", `Colours: ${name}`);
+  drawAll();
 }
-
-function finger(newest) {
-  if (!newest || newest.position_x_m === null) return null;
-  return { ...there(newest), output_x_m: newest.output_x_m, output_y_m: newest.output_y_m, touching: newest.in_contact };
-}
-
-window.addEventListener("resize", show);
+$("theme").addEventListener("click", () => {
+  const names = Object.keys(THEMES);
+  setTheme(names[(names.indexOf(localStorage.getItem("theme") ?? "auto") + 1) % names.length]);
+});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAll);
+new ResizeObserver(() => requestAnimationFrame(drawAll)).observe(document.querySelector("main"));
+setTheme(localStorage.getItem("theme") ?? "auto");
 show();

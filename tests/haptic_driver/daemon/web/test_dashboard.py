@@ -1,105 +1,34 @@
-"""The page in a real browser, in front of the real API; the daemon behind it is `bench_control.py`."""
+"""The page as its users use it: what it asks of the daemon, says of it, and never hides."""
 
-import json
-import math
-import os
-import shutil
+from __future__ import annotations
+
 import time
-import urllib.request
-from urllib.parse import urlsplit
+from datetime import datetime
 
-import numpy as np
 import pytest
 
-from haptic_driver.daemon.messages import DaemonState
-from haptic_driver.daemon.place import Place
-from haptic_driver.daemon.run import PAGE_FOLDER
-from haptic_driver.daemon.web.server import serve
-from haptic_driver.processes.samples import SAMPLE
-from tests.haptic_driver.daemon.bench_control import BenchControl
+from haptic_driver.daemon import verbs
+from haptic_driver.processes.samples import Flag
+from tests.haptic_driver.daemon.web.served_page import (
+    BrowserError,
+    Served,
+    SlidingControl,
+    arm,
+    arm_and_set,
+    expect,
+    opened,
+    press_grey,
+    text,
+)
 from tests.waiting import until
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-HANG_MS = 60_000
-HANG_S = HANG_MS / 1e3
-PLOTS = ["friction", "surface", "finger", "lateness"]
-
-if os.environ.get("CI") != "true":
-    pytest.importorskip("playwright", reason="playwright is not installed")
-    if CHROMIUM is None:
-        pytest.skip("no Chromium in the path", allow_module_level=True)
-
-from playwright.sync_api import Error as BrowserError  # noqa: E402 - only where it is installed
-from playwright.sync_api import expect, sync_playwright  # noqa: E402
-
-
-class SlidingControl(BenchControl):
-    """A finger that goes round on the screen, with a tick per millisecond of the clock."""
-
-    def samples(self, since_tick, most):
-        newest = int(time.monotonic() * 1e3)
-        ticks = np.arange(max(since_tick + 1, newest - most + 1), newest + 1)
-        made = np.zeros(ticks.size, SAMPLE)
-        made["tick"], made["time_s"] = ticks, ticks * 1e-3
-        angle = 2.0 * math.pi * made["time_s"]
-        for prefix in ("position", "output"):
-            made[f"{prefix}_x_m"], made[f"{prefix}_y_m"] = 0.03 + 0.02 * np.cos(angle), 0.03 + 0.02 * np.sin(angle)
-        made["lateness_s"] = 5e-6 * (1.0 + np.cos(angle))
-        made["in_contact"], made["measured_cof"], made["normal_force_n"] = 1, 0.55 + 0.05 * np.sin(angle), 0.5
-        rendering = self.machine.state is DaemonState.RENDERING
-        made["target_cof"] = self.cof if rendering and self.cof else np.nan
-        made["output_on"], made["frequency_hz"] = rendering, 250.0 if rendering else 0.0
-        made["voltage_v"] = (25.0 + 10.0 * np.sin(angle)) if rendering else 0.0
-        return made
-
-    def texture_map(self):
-        side_m = [0.001 * i for i in range(60)]
-        return {"x_m": side_m, "y_m": side_m, "cof": [[0.5 + x_m for x_m in side_m] for _ in side_m]}
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield browser
-        browser.close()
+TILES_ASKED = "performance.getEntriesByType('resource').filter((one) => one.name.includes('/tile?')).length"
+PLOTS = ["friction", "surface", "finger"]
 
 
 @pytest.fixture
 def control():
     return SlidingControl()
-
-
-class Served:
-    """The API and the page at a port of its own, which may be ended and begun again."""
-
-    def __init__(self, control, folder):
-        self._control = control
-        self._folder = folder
-        self._port = 0
-        self.start()
-
-    def start(self):
-        self._place = Place(self._folder / "daemon.sock")
-        self._serving = serve(self._control, self._place, self._port, page=PAGE_FOLDER)
-        self.url = self._serving.__enter__()
-        self._port = urlsplit(self.url).port
-
-    def stop(self):
-        self._serving.__exit__(None, None, None)
-        self._place.close()
-
-    @property
-    def token(self):
-        return self.url.partition("token=")[2]
-
-    def ask(self, path):
-        """What the API says, asked by another client."""
-        request = urllib.request.Request(
-            f"http://127.0.0.1:{self._port}{path}", headers={"Authorization": f"Bearer {self.token}"}
-        )
-        with urllib.request.urlopen(request, timeout=HANG_S) as answer:
-            return json.load(answer)
 
 
 @pytest.fixture
@@ -111,30 +40,9 @@ def served(control, tmp_path):
 
 @pytest.fixture
 def page(browser, served):
-    """The page, connected; `page.complaints` is everything that it wrote to the console and every failure."""
-    context = browser.new_context(viewport={"width": 1280, "height": 800})
-    page = context.new_page()
-    page.set_default_timeout(HANG_MS)
-    page.complaints, page.requested = [], []
-    page.on("console", lambda message: page.complaints.append(message.text))
-    page.on("pageerror", lambda error: page.complaints.append(str(error)))
-    page.on("request", lambda request: page.requested.append(request.url))
-    page.goto(served.url)
-    expect(page.locator("#link")).to_have_text("connected", timeout=HANG_MS)
+    page = opened(browser, served)
     yield page
-    context.close()
-
-
-def text(page, selector, words):
-    expect(page.locator(selector)).to_have_text(words, timeout=HANG_MS)
-
-
-def arm_and_set(page):
-    page.click("#arm")
-    text(page, "#state", "ARMED")
-    page.fill("#cof", "0.65")
-    page.click("#set button")
-    text(page, "#state", "RENDERING")
+    page.context.close()
 
 
 def await_state(served, state):
@@ -154,9 +62,9 @@ def test_it_loads_without_complaint_and_asks_nobody_else(page, served):
     text(page, "#state", "IDLE")
     text(page, "#output", "OFF")
     expect(page.locator("#simulated")).to_be_visible()
-    expect(page.locator("#texture option")).to_have_text(["grating", "linen"])
+    expect(page.locator("#textures label")).to_have_count(4)
     text(page, "#events li .kind", "state")
-    page.wait_for_timeout(500)
+    until(lambda: page.evaluate(TILES_ASKED) > 4)  # thumbnails, and what is selected
     assert page.complaints == []
     origin = served.url.partition("/page/")[0]
     assert len(page.requested) >= 6
@@ -205,14 +113,13 @@ def test_off_that_cannot_be_shown_is_not_called_off(page, control):
 
 
 def test_a_texture_is_played_and_disarming_ends_the_lease(page, served):
-    page.click("#arm")
-    text(page, "#state", "ARMED")
-    page.select_option("#texture", "linen")
+    arm(page)
+    page.check("#textures input[value=linen]", force=True)
     page.click("#play button")
     assert await_state(served, "rendering")["texture"] == "linen"
     page.click("#disarm")
     await_state(served, "idle")
-    text(page, "#lease", "This page holds no lease.")
+    text(page, "#lease", "Nobody holds the lease.")
 
 
 def test_the_page_renews_its_lease_and_leaving_it_disarms(page, served, control):
@@ -225,14 +132,129 @@ def test_the_page_renews_its_lease_and_leaving_it_disarms(page, served, control)
 
 
 def test_refusals_are_shown_with_what_to_do(page, control):
+    arm(page)
+    page.fill("#cof", "7")
     page.click("#set button")
-    text(page, "#refusal-message", "nobody holds a lease; the daemon is idle")
-    text(page, "#refusal-hint", "arm first")
-    control.arm(60.0)
-    page.click("#arm")
-    text(page, "#refusal-message", "somebody holds the lease")
+    text(page, "#refusal-message", "friction 7 is far out of reach")
+    text(page, "#refusal-hint", "--nearest")
     page.click("#refusal-close")
     expect(page.locator("#refusal")).to_be_hidden()
+
+
+def test_what_cannot_work_now_is_grey_and_says_why(page, control):
+    expect(page.locator("#set button")).to_have_attribute("title", "Nobody has armed. Arm first.")
+    press_grey(page, "#set button")
+    text(page, "#refusal-message", "Nobody has armed. Arm first.")
+    assert control.calls == []
+    control.arm(60.0, "haptic, process 7")
+    for button in ("#arm", "#set button", "#play button"):
+        expect(page.locator(button)).to_have_attribute(
+            "title", "haptic, process 7 holds the lease. Disarm it, or wait for it to end."
+        )
+    expect(page.locator("#lease")).to_contain_text("Held by haptic, process 7")
+    expect(page.locator("#disarm")).to_be_enabled()
+    page.click("#disarm")
+    text(page, "#lease", "Nobody holds the lease.")
+
+
+def test_the_lease_is_as_long_as_one_says_and_says_whose_it_is(page, served, control):
+    page.select_option("#lease_s", "10")
+    arm(page)
+    assert ("arm", 10.0) in control.calls
+    expect(page.locator("#lease")).to_contain_text("This page holds the lease of 10 s")
+    assert served.ask("/status")["lease_holder"].startswith("a page (Chrome")
+
+
+def test_a_renewal_that_is_not_heard_does_not_end_the_lease(page, control):
+    lost = []
+
+    def once(route):
+        lost.append(route.request.url)
+        route.abort() if len(lost) == 1 else route.continue_()
+
+    page.route("**/renew", once)
+    arm(page)
+    until(lambda: page.evaluate("1") and len(lost) > 1 and control.calls.count(("renew",)) >= 1)
+    expect(page.locator("#lease")).to_contain_text("This page holds the lease")
+    text(page, "#state", "ARMED")
+
+
+def test_a_model_is_chosen_and_a_recording_begun_and_ended(page, served, control):
+    page.select_option("#model", "other")
+    page.click("#use button")
+    until(lambda: served.ask("/status")["model"] == "other")
+    page.fill("#path", "mine.h5")
+    page.click("#record button")
+    text(page, "#record button", "Stop")
+    text(page, "#recording", "mine.h5")
+    page.click("#record button")
+    text(page, "#record button", "Record")
+    assert control.calls[-2:] == [("record", "mine.h5"), ("record", None)]
+
+
+@pytest.mark.skipif(not hasattr(verbs, "MARK"), reason="this daemon takes no markers")
+def test_notes_and_markers_are_among_the_events(page, control):
+    page.fill("#note", "the finger was wiped")
+    page.click("#mark button")
+    expect(page.locator("#events li").first).to_contain_text("the finger was wiped")
+    expect(page.locator("#note")).to_have_value("")
+    page.click("#mark button")
+    until(lambda: [call for call in control.calls if call[0] == "mark"][1:])
+    assert [call[1] for call in control.calls if call[0] == "mark"] == ["the finger was wiped", "mark"]
+
+
+def test_every_flag_has_a_meaning_and_says_since_when(page, control):
+    control._tell("flag", "overrun")
+    control._tell("flag", "overrun")
+    control.flags = Flag(2**32 - 1).names()
+    expect(page.locator("#flags li")).to_have_count(len(control.flags))
+    said = page.locator("#flags li").all_inner_texts()
+    assert not [words for words in said if "see the events" in words]
+    (overrun,) = (words for words in said if "overrun" in words)
+    assert "2 times" in overrun
+    assert page.locator("#events li time").first.inner_text().partition(".")[0] in overrun
+
+
+def test_events_have_the_time_on_the_wall(page, control):
+    (event,) = control.told
+    offset_s = time.time() - time.monotonic()
+    said = page.locator("#events time").last.get_attribute("datetime")
+    assert datetime.fromisoformat(said).timestamp() == pytest.approx(event.time_s + offset_s, abs=1.0)
+
+
+def test_friction_is_bounded_by_what_is_within_reach(page):
+    slider = page.locator("#cof-slider")
+    expect(slider).to_have_attribute("min", "0.500")
+    expect(slider).to_have_attribute("max", "0.900")
+    slider.focus()
+    page.keyboard.press("End")
+    assert float(page.input_value("#cof")) == 0.9
+
+
+def test_a_paused_plot_stands_still_and_goes_on(page):
+    await_change(page, "friction")
+    page.click("#pause")
+    text(page, "#pause", "Resume")
+    before = pixels(page, "friction")
+    for _ in range(2):
+        await_change(page, "finger")  # samples go on
+    assert pixels(page, "friction") == before
+    page.click("#pause")
+    await_change(page, "friction")
+
+
+def test_the_surface_says_what_forbids_a_place(page):
+    surface = page.locator("#surface")
+    surface.scroll_into_view_if_needed()
+    box = surface.bounding_box()
+    page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + 20.0)
+    expect(page.locator("#surface-said")).to_contain_text(
+        "forbidden by voltage (at most 40.0 V), slew rate (at most 30.0 V)"
+    )
+    surface.focus()
+    for _ in range(40):
+        page.keyboard.press("ArrowDown")
+    expect(page.locator("#surface-said")).to_contain_text("allowed")
 
 
 def test_a_fault_is_shown_and_reset(page, served, control):
@@ -271,57 +293,6 @@ def test_silence_on_an_open_connection_is_a_lost_one(page, control):
     finally:
         control._lock.release()
     text(page, "#link", "connected")
-
-
-def test_off_is_in_sight_and_nothing_overlaps(page):
-    for size in ((1280, 800), (1920, 1080), (800, 1200)):
-        check_layout(page, *size)
-
-
-def check_layout(page, width, height):
-    page.set_viewport_size({"width": width, "height": height})
-    box = page.locator("#off").bounding_box()
-    assert box["x"] >= 0.0
-    assert box["x"] + box["width"] <= width
-    assert box["y"] + box["height"] <= height
-    boxes = [page.locator("main > section").nth(i).bounding_box() for i in range(7)]
-    for i, a in enumerate(boxes):
-        assert min(a["width"], a["height"]) > 100.0
-        for b in boxes[i + 1 :]:
-            apart_x = a["x"] + a["width"] <= b["x"] or b["x"] + b["width"] <= a["x"]
-            assert apart_x or a["y"] + a["height"] <= b["y"] or b["y"] + b["height"] <= a["y"]
-
-
-def luminance(rgb):
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (v / 255.0 for v in rgb)]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-
-COLOURS = """(selector) => {
-  const numbers = (css) => css.match(/[\\d.]+/g).map(Number);
-  const shown = document.querySelector(selector);
-  let behind = shown;
-  while (behind && numbers(getComputedStyle(behind).backgroundColor)[3] === 0) behind = behind.parentElement;
-  return [numbers(getComputedStyle(shown).color), numbers(getComputedStyle(behind).backgroundColor)];
-}"""
-
-
-def test_contrast_is_that_of_wcag_aa(page, control):
-    """At least 4.5 for text: WCAG 2.1, success criterion 1.4.3."""
-    check_contrast(page, "IDLE")
-    page.click("#arm")
-    check_contrast(page, "ARMED")
-    page.click("#set button")
-    check_contrast(page, "RENDERING")
-    control.fail("by hand")
-    check_contrast(page, "FAULT")
-
-
-def check_contrast(page, state):
-    text(page, "#state", state)
-    for selector in ("#state", "#output", "#off", "#simulated", "#link", "#lease", "#arm", "dt", "#events time"):
-        ink, paper = (luminance(c[:3]) for c in page.evaluate(COLOURS, selector))
-        assert (max(ink, paper) + 0.05) / (min(ink, paper) + 0.05) >= 4.5, selector
 
 
 def test_the_other_pages_of_a_browser_cannot_use_the_api(browser, served):

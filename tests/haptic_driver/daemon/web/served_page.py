@@ -1,0 +1,146 @@
+"""The page in a real browser, in front of the real API; the daemon behind it is `bench_control.py`. Not a test.
+
+The textures it shows are those of the library, drawn by the daemon's own code.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import time
+import urllib.request
+from base64 import b64encode
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+
+from haptic_driver.config import texture_dirs
+from haptic_driver.daemon.messages import DaemonState, Tile
+from haptic_driver.daemon.place import Place
+from haptic_driver.daemon.run import PAGE_FOLDER
+from haptic_driver.daemon.web.server import serve
+from haptic_driver.processes.samples import SAMPLE
+from haptic_driver.textures.library import load_texture
+from haptic_driver.textures.tile import Grid, cell_means, levels
+from tests.haptic_driver.daemon.bench_control import BenchControl
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+HANG_MS = 60_000
+HANG_S = HANG_MS / 1e3
+
+if os.environ.get("CI") != "true":
+    pytest.importorskip("playwright", reason="playwright is not installed")
+    if CHROMIUM is None:
+        pytest.skip("no Chromium in the path", allow_module_level=True)
+
+from playwright.sync_api import Error as BrowserError  # noqa: E402, F401 - only where it is installed
+from playwright.sync_api import expect  # noqa: E402
+
+expect.set_options(timeout=HANG_MS)
+
+
+class SlidingControl(BenchControl):
+    """A finger that goes round on the screen, with a tick per millisecond of the clock; friction grows with y."""
+
+    lifted = False
+    aside_m = 0.0
+
+    def samples(self, since_tick, most):
+        newest = int(time.monotonic() * 1e3)
+        ticks = np.arange(max(since_tick + 1, newest - most + 1), newest + 1)
+        made = np.zeros(ticks.size, SAMPLE)
+        made["tick"], made["time_s"] = ticks, ticks * 1e-3
+        angle = 2.0 * math.pi * made["time_s"]
+        for prefix in ("position", "output"):
+            made[f"{prefix}_x_m"] = 0.03 + 0.02 * np.cos(angle) + self.aside_m
+            made[f"{prefix}_y_m"] = 0.03 + 0.02 * np.sin(angle)
+        made["lateness_s"] = 5e-6 * (1.0 + np.cos(angle))
+        made["in_contact"], made["normal_force_n"] = not self.lifted, 0.5
+        made["measured_cof"] = np.nan if self.lifted else 0.7 + 0.2 * np.sin(angle)
+        rendering = self.machine.state is DaemonState.RENDERING
+        made["target_cof"] = self.cof if rendering and self.cof else np.nan
+        made["output_on"], made["frequency_hz"] = rendering, 250.0 if rendering else 0.0
+        made["voltage_v"] = (25.0 + 10.0 * np.sin(angle)) if rendering else 0.0
+        return made
+
+    def textures(self):
+        return ["braille", "fine_grating", "grating", "linen"]
+
+    def tile(self, asked):
+        texture = load_texture(asked.name, texture_dirs())
+        low, high = texture.bounds()
+        cof = cell_means(texture, Grid(asked.x_m, asked.y_m, asked.pitch_m, asked.columns, asked.rows))
+        said = b64encode(levels(cof, low, high)).decode()
+        return Tile(columns=asked.columns, rows=asked.rows, cof_low=low, cof_high=high, levels=said)
+
+
+class Served:
+    """The API and the page at a port of its own, which may be ended and begun again."""
+
+    def __init__(self, control, folder):
+        self._control = control
+        self._folder = folder
+        self._port = 0
+        self.start()
+
+    def start(self):
+        self._place = Place(self._folder / "daemon.sock")
+        self._serving = serve(self._control, self._place, self._port, page=PAGE_FOLDER)
+        self.url = self._serving.__enter__()
+        self._port = urlsplit(self.url).port
+
+    def stop(self):
+        self._serving.__exit__(None, None, None)
+        self._place.close()
+
+    @property
+    def token(self):
+        return self.url.partition("token=")[2]
+
+    def ask(self, path):
+        """What the API says, asked by another client."""
+        request = urllib.request.Request(
+            f"http://127.0.0.1:{self._port}{path}", headers={"Authorization": f"Bearer {self.token}"}
+        )
+        with urllib.request.urlopen(request, timeout=HANG_S) as answer:
+            return json.load(answer)
+
+
+def opened(browser, served, width=1280, height=800):
+    """The page, connected; `page.complaints` is everything that it wrote to the console and every failure."""
+    page = browser.new_context(viewport={"width": width, "height": height}).new_page()
+    page.set_default_timeout(HANG_MS)
+    page.complaints, page.requested = [], []
+    page.on("console", lambda message: page.complaints.append(message.text))
+    page.on("pageerror", lambda error: page.complaints.append(str(error)))
+    page.on("request", lambda request: page.requested.append(request.url))
+    page.goto(served.url)
+    text(page, "#link", "connected")
+    return page
+
+
+def text(page, selector, words):
+    """Wait until an element says this."""
+    expect(page.locator(selector)).to_have_text(words, timeout=HANG_MS)
+
+
+def arm(page):
+    """Wait until the page has armed."""
+    page.click("#arm")
+    text(page, "#state", "ARMED")
+
+
+def arm_and_set(page):
+    """Wait until a friction is rendered that the page has asked for."""
+    arm(page)
+    page.fill("#cof", "0.65")
+    page.click("#set button")
+    text(page, "#state", "RENDERING")
+
+
+def press_grey(page, selector):
+    """A button that cannot work now: a browser's driver would wait for it for ever."""
+    page.locator(selector).click(force=True)
