@@ -42,6 +42,7 @@ COMMANDS = {
     "status": "Say what the daemon does; `output_on` is null where nobody knows.",
     "watch": "Show state, friction, voltage and flags until Ctrl-C; in a pipe or with --json, a JSON object per line.",
     "record": "Record every tick into a file, until --stop.",
+    "mark": "Write a marker among the daemon's events and into the recording.",
     "export": "Write a run of a recording as CSV or Parquet, one row per tick.",
     "measure": "Measure friction, and the electrode's voltage and current, over a plan's settings.",
     "diagnose": "Find where measured friction and the model disagree, name the missing effect, add it, and prove it.",

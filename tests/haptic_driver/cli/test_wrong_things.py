@@ -58,6 +58,8 @@ WRONG = [
     (["set", "much"], 2, "usage", "not 'much'", "haptic set --help"),
     (["set", "0.6; rm x"], 2, "usage", "not '0.6; rm x'", "haptic set --help"),
     (["daemon", "run", "--port", "http"], 2, "usage", "not 'http'", "haptic daemon run --help"),
+    (["mark", "trial", "--data", "[1]"], 2, "bad_json", "no JSON object", "Give an object"),
+    (["mark", "trial", "--data", "{level}"], 2, "bad_json", "is not JSON", "Give an object"),
     (["record", "run.h5", "--stop"], 2, "usage", "either a file or --stop", "haptic record --help"),
     # numbers
     (["solve", "--friction", "0,6"], 2, "usage", "'--friction': Input should be a valid number", "haptic solve"),

@@ -11,12 +11,13 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from haptic_driver.daemon.messages import DaemonState, RefusedError, Status, Timing
+from haptic_driver.daemon.messages import DaemonState, Marked, RefusedError, Status, Timing
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.state_machine import StateMachine
 from haptic_driver.daemon.web.server import serve
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.samples import SAMPLE
+from haptic_driver.recording.clock import clock_offsets
 from haptic_driver.recording.event import Event
 
 
@@ -161,6 +162,10 @@ class BenchControl:
         self._change("record", path)
         self.recording = path
         return self.status()
+
+    def mark(self, label, data):
+        self._change("mark", label, dict(data))
+        return Marked(number=1, time_s=time.monotonic(), **dict(clock_offsets()))
 
     def textures(self):
         return ["grating", "linen"]
