@@ -53,10 +53,11 @@ COMMANDS = {
     "sensitivity": "Say how much each uncertain number adds to the spread of the electrostatic force (Sobol indices).",
     "explore": "Draw the force's spectrum under several drives, the impedance, where force turns steep, and friction.",
     "reproduce": "Compute figures 4 to 8 of the paper: pictures, CSV tables, and its statements beside what comes out.",
+    "experiment": "Run psychophysical experiments, try their design without a rig, and fit what was answered.",
     "simulate": "Serve the simulated instruments of a rig on loopback until interrupted, for any software to talk to.",
     "doctor": "Check a rig without energising it: identity, settings, limits, monitors, calibration dates, scheduling.",
 }
-GROUPS = ("surface", "texture", "daemon")
+GROUPS = ("surface", "texture", "daemon", "experiment")
 CONTROL = ("arm", "set", "off", "disarm", "use", "reset", "status")  # in one module; each other one has its own
 
 # What the parser raises for a wrong command line, whether typer ships its parser or imports it.

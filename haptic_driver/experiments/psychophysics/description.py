@@ -193,7 +193,12 @@ class TrialSettings(Section):
 
 
 class Response(Section):
-    """What is asked, what may be answered, the key of each answer, and whether people are told what was right."""
+    """What is asked, what may be answered, the key of each answer, and whether people are told what was right.
+
+    `by` `markers`: answers come over the daemon, from its page or any program; see `answers.py`.
+    """
+
+    by: Literal["keys", "markers"] = "keys"
 
     question: str = "Which one had more friction?"
     answers: list[Annotated[str, Field(min_length=1, max_length=40)]] = []  # noqa: RUF012

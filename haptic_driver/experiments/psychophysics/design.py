@@ -1,0 +1,71 @@
+"""Trying an experiment's design before anybody comes: simulated participants of known threshold, without a rig."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+
+from haptic_driver.experiments.psychophysics.analysis import Result, analyse
+from haptic_driver.experiments.psychophysics.apparatus import AssumedApparatus
+from haptic_driver.experiments.psychophysics.data import SessionFiles
+from haptic_driver.experiments.psychophysics.description import Experiment
+from haptic_driver.experiments.psychophysics.functions import Psychometric
+from haptic_driver.experiments.psychophysics.run import PretendedParticipant, run_session
+
+UNBIASED_GUESS = 0.1  # of a simulated participant who says yes or no
+
+
+class Found(NamedTuple):
+    """How a condition's threshold was found: median over participants, its spread relative to the truth, the mean
+    number of trials, the share of participants whose 95 % interval holds the truth, and of those who could be fitted.
+    """
+
+    condition: str
+    truth: float
+    median: float
+    relative_std: float
+    trials: float
+    held_by_interval: float
+    fitted: float
+
+
+def pretended(experiment: Experiment, participant: str, session: str, seed: int = 0) -> PretendedParticipant:
+    """The simulated participant of an experiment's file, the same for the same names."""
+    told, analysis = experiment.file.simulated, experiment.file.analysis
+    guess = UNBIASED_GUESS if experiment.guess is None else experiment.guess
+    function = Psychometric(analysis.form, told.threshold, told.slope, guess, told.lapse)
+    return PretendedParticipant(function, [seed, *(zlib.crc32(name.encode()) for name in (participant, session))])
+
+
+def try_design(
+    experiment: Experiment, participants: int, seed: int = 1, advance: Callable[[int], None] = lambda done: None
+) -> list[Found]:
+    """Run so many simulated participants through the experiment, each feeling exactly what is asked for."""
+    names = [f"S{number:04d}" for number in range(1, participants + 1)]
+    with TemporaryDirectory() as folder:
+        for done, name in enumerate(names, start=1):
+            files = SessionFiles(Path(folder), name, "01", experiment.file.name)
+            about = {"Experiment": experiment.file.model_dump(mode="json", exclude_none=True)}
+            run_session(experiment, files, AssumedApparatus(), pretended(experiment, name, "01", seed), about)
+            advance(done)
+        results = analyse(Path(folder))
+    truth = experiment.file.simulated.threshold
+    return [
+        _found(condition.name, truth, [r for r in results if r.condition == condition.name])
+        for condition in experiment.file.condition
+    ]
+
+
+def _found(condition: str, truth: float, results: list[Result]) -> Found:
+    fits = [r.fit for r in results if r.fit is not None]
+    thresholds = np.array([fit.function.threshold for fit in fits] or [np.nan])
+    held = [fit.interval_95[0] <= truth <= fit.interval_95[1] for fit in fits]
+    return Found(
+        condition, truth, float(np.median(thresholds)), float(np.std(thresholds) / abs(truth)) if truth else np.nan,
+        float(np.mean([r.trials for r in results])), float(np.mean(held)) if held else np.nan, len(fits) / len(results),
+    )  # fmt: skip
