@@ -67,9 +67,8 @@ def run(
         check_textures(experiment, client.textures())
         about = _about(experiment, client)
         answering = _participant(experiment, client, files, simulated)
-        with client.armed(LEASE_S) as held, _recorded(client, files, record), progress("trials", 0) as advance:
-            apparatus = DaemonApparatus(client, held, files.beh)
-            done = run_session(experiment, files, apparatus, answering, about, advance)
+        with client.armed(LEASE_S) as held, _recorded(client, files, record):
+            done = run_session(experiment, files, DaemonApparatus(client, held, files.beh), answering, about)
     payload = done._asdict() | {
         "table": str(files.table),
         "participant_table": str(files.folder / f"sub-{participant}.csv"),
@@ -134,9 +133,8 @@ def analyse(
     for participant, task in dict.fromkeys((r.participant, r.task) for r in results):
         picture = table.with_name(f"sub-{participant}_task-{task}_psychometric.png")
         own = [r for r in results if (r.participant, r.task) == (participant, task)]
-        draw_functions(
-            [_panel(r) for r in own], f"{participant}, {task}" + (", levels as felt" if felt else ""), picture
-        )
+        title = f"{participant}, {task}" + (", levels as felt" if felt else "")
+        draw_functions([_panel(r) for r in own], title, picture)
         pictures.append(str(picture))
     payload = {"results": rows, "table": str(table), "pictures": pictures}
     report(as_json, payload, lambda: _show(results, [str(table), *pictures]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -73,9 +73,9 @@ class Progress(NamedTuple):
 
 def run_session(
     experiment: Experiment, files: SessionFiles, apparatus: Apparatus, participant: Participant,
-    about: Mapping[str, Any], advance: Callable[[int], None] = lambda done: None,
+    about: Mapping[str, Any],
 ) -> Progress:  # fmt: skip
-    """Run what is left of a session; `about` goes into its sidecar, `advance` hears of every trial that is done.
+    """Run what is left of a session; `about` goes into its sidecar.
 
     BadInputError for a session that was begun with another file, HapticError when the rig cannot deliver a trial.
     """
@@ -95,7 +95,6 @@ def run_session(
             row = _presented(experiment, schedule, trial, apparatus, participant)
             files.append(row)
             rows.append(row)
-            advance(len(rows))
             failed = 0 if row.delivered else failed + 1
             if failed > experiment.file.delivery.retries:
                 said = f"trial {trial.number}, {trial.condition} at level {trial.level:g}: {row.why_not_delivered}"
