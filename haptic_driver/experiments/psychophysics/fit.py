@@ -113,14 +113,14 @@ def _interval(likelihood: _Likelihood, least: float, best: Array) -> tuple[float
     def beyond(place: float) -> float:
         return likelihood.least([best, steep], place)[0] - least - rise
 
-    ends = []
-    for end, sign in ((-FURTHEST, -1.0), (FURTHEST, 1.0)):
-        inside, step = float(best[0]), 0.05
-        outside = inside
-        while abs(outside) < FURTHEST and beyond(outside) < 0.0:
-            inside, outside, step = outside, inside + sign * step, 2.0 * step
-        open_end = abs(outside) >= FURTHEST
-        found = end if open_end else float(brentq(beyond, inside, outside, xtol=1e-3))
-        nothing = 0.0 if likelihood.function(best).form == "weibull" else -np.inf
-        ends.append((nothing if sign < 0 else np.inf) if open_end else likelihood.threshold_of(found))
-    return float(ends[0]), float(ends[1])
+    def end(sign: float) -> float:
+        inside = outside = float(best[0])
+        step = 0.05
+        while sign * outside < FURTHEST:
+            inside, outside, step = outside, outside + sign * step, 2.0 * step
+            if beyond(outside) > 0.0:
+                return likelihood.threshold_of(float(brentq(beyond, inside, outside, xtol=1e-3)))
+        return sign * np.inf
+
+    low, high = end(-1.0), end(1.0)
+    return (max(low, 0.0) if likelihood.function(best).form == "weibull" else low), high
