@@ -96,7 +96,7 @@ def fit(level: Sequence[float], positive: Sequence[bool], form: Form, guess: flo
     yes, count = (np.bincount(place, weights=w).astype(np.float64) for w in (y, np.ones(y.size)))
     likelihood = _Likelihood(form, guess, levels, yes, count)
     guessed = 0.1 if guess is None else guess
-    starts = [np.array([at, np.log(s), guessed, 0.01]) for at in (-0.5, -0.1, 0.2) for s in (1.5, 4.0)]
+    starts = [np.array([at, np.log(s), guessed, 0.01]) for at in (-0.3, 0.1) for s in (1.5, 4.0)]
     least, best = likelihood.least(starts)
     share = np.clip(yes / count, SURE, 1.0 - SURE)
     saturated = -2.0 * float(np.sum(xlogy(yes, share) + xlog1py(count - yes, -share)))
@@ -107,11 +107,9 @@ def fit(level: Sequence[float], positive: Sequence[bool], form: Form, guess: flo
 def _interval(likelihood: _Likelihood, least: float, best: Array) -> tuple[float, float]:
     """Where the profile rises by the 95 % point of chi-square with one degree of freedom, on either side."""
     rise = float(chi2.ppf(0.95, 1))
-    steep = best.copy()
-    steep[1] = np.log(4.0)
 
     def beyond(place: float) -> float:
-        return likelihood.least([best, steep], place)[0] - least - rise
+        return likelihood.least([best], place)[0] - least - rise
 
     def end(sign: float) -> float:
         inside = outside = float(best[0])

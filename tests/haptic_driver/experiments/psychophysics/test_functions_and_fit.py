@@ -70,7 +70,7 @@ def test_intervals_hold_the_truth_about_as_often_as_they_say():
     for _ in range(40):
         low, high = fit(levels, rng.random(levels.size) < truth.at(levels), "weibull", 0.5).interval_95
         held += low <= 0.15 <= high
-    assert held >= 52
+    assert held >= 34
 
 
 def test_answers_that_leave_a_threshold_open_say_so():

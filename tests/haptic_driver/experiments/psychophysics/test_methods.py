@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import threading
 from collections import Counter
@@ -56,6 +57,21 @@ def test_where_a_staircase_comes_to_rest(up, down, share):
     """Levitt's table 1."""
     settings = Staircase(kind="staircase", start=1.0, steps=[0.1], low=0.1, high=2.0, up=up, down=down)
     assert converges_at(settings) == (None if share is None else pytest.approx(share, abs=1e-4))
+
+
+def test_staircases_come_to_rest_at_a_level_that_answers_do_not_know_of():
+    """Two down, one up, at 70.7 % of the positive answers of a function, by its formula solved by hand."""
+    settings = Staircase(
+        kind="staircase", start=0.4, steps=[0.5, 0.1], low=0.01, high=1.0, reversals=60, averaged=54, trials=1000
+    )
+    rng, estimates = np.random.default_rng(6), []
+    for _ in range(40):
+        staircase = StaircaseMethod(settings)
+        while (level := staircase.suggest()) is not None:
+            staircase.report(level, bool(rng.random() < 1.0 - 0.5 * 2.0 ** -((level / 0.15) ** 3)))
+        estimates.append(staircase.estimate)
+    expected = 0.15 * math.log2(0.5 / (1.0 - math.sqrt(0.5))) ** (1.0 / 3.0)
+    assert np.median(estimates) == pytest.approx(expected, rel=0.05)
 
 
 def test_constant_stimuli_come_as_often_as_each_other():
