@@ -171,7 +171,7 @@ def test_a_marker_goes_to_the_daemon_as_it_was_given(haptic, socket, control):
     before_s = time.monotonic()
     marked = done_json(haptic("mark", "trial 7", "--data", '{"level": 0.1, "side": ["left"]}', "--json"))
     assert before_s <= marked["time_s"] <= time.monotonic()
-    assert "marker 1" in haptic("mark", "again").out
+    assert f"marker {marked['number'] + 1}" in haptic("mark", "again").out
     assert control.calls == [("mark", "trial 7", {"level": 0.1, "side": ["left"]}), ("mark", "again", {})]
 
 

@@ -47,8 +47,9 @@ class BenchControl:
         self._lock = threading.RLock()
         self._tell("state", "idle")
 
-    def _tell(self, kind, message):
-        self.told.append(Event(number=len(self.told) + 1, time_s=time.monotonic(), kind=kind, message=message))
+    def _tell(self, kind, message, data=None):
+        number, now_s = len(self.told) + 1, time.monotonic()
+        self.told.append(Event(number=number, time_s=now_s, kind=kind, message=message, data=data or {}))
 
     def _expire(self):
         if self.machine.armed and time.monotonic() > self.machine.lease_until_s:
@@ -165,7 +166,8 @@ class BenchControl:
 
     def mark(self, label, data):
         self._change("mark", label, dict(data))
-        return Marked(number=1, time_s=time.monotonic(), **dict(clock_offsets()))
+        self._tell("marker", label, dict(data))
+        return Marked(number=len(self.told), time_s=self.told[-1].time_s, **dict(clock_offsets()))
 
     def textures(self):
         return ["grating", "linen"]
