@@ -100,7 +100,7 @@ def _result(
         )
     except BadInputError as error:
         why_none = error.message
-    settings = experiment.method(experiment.condition(condition))
+    settings = experiment.file.method
     staircase = _staircase(settings, by_session) if isinstance(settings, Staircase) else None
     return Result(
         participant, experiment.file.name, condition, len(used), len(every) - len(used), found, why_none, staircase

@@ -133,7 +133,6 @@ class Condition(Section):
     texture: str | None = None
     compare: Literal["ratio", "difference"] = "ratio"
     comparisons: list[Comparison] = []  # noqa: RUF012
-    method: Method | None = None
 
     @model_validator(mode="after")
     def _one_standard(self) -> Self:
@@ -251,7 +250,7 @@ class ExperimentFile(Section):
     delivery: Delivery = Delivery()
     analysis: Analysis = Analysis()
     simulated: SimulatedParticipant = SimulatedParticipant()
-    method: Method | None = None
+    method: Method
     condition: Annotated[list[Condition], Field(min_length=1)]
     block: list[Block] = []  # noqa: RUF012
 
@@ -263,8 +262,6 @@ class ExperimentFile(Section):
         for name in (name for block in self.block for name in block.conditions):
             if name not in names:
                 raise ValueError(f"block: there is no condition '{name}'. {nearest(name, names)}")
-        if self.method is None and any(c.method is None for c in self.condition):
-            raise ValueError("method is missing: give [method], or one to every condition")
         if self.trial.place == "regions" and any(c.cof is None for c in self.condition):
             raise ValueError('place = "regions" is for frictions')
         count = max(self.trial.intervals, 2)
@@ -313,12 +310,6 @@ class Experiment:
         """One of its conditions."""
         return next(c for c in self.file.condition if c.name == name)
 
-    def method(self, condition: Condition) -> Constant | Staircase | QuestPlus | Outside:
-        """How its levels are chosen."""
-        found = condition.method or self.file.method
-        assert found is not None  # or the file would have been refused
-        return found
-
     @property
     def blocks(self) -> list[list[str]]:
         """The conditions of each block; all in one where the file names none."""
@@ -345,8 +336,7 @@ def load_experiment(name_or_path: str) -> Experiment:
 
 def _check_levels(experiment: Experiment, condition: Condition) -> None:
     """BadInputError for levels that are no friction, or that the function does not know."""
-    method = experiment.method(condition)
-    match method:
+    match experiment.file.method:
         case Constant(levels=levels):
             ends = min(levels), max(levels)
         case Staircase(low=low, high=high) | QuestPlus(levels=Range(low=low, high=high)):

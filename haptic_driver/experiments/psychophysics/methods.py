@@ -91,7 +91,7 @@ def converges_at(settings: said.Staircase) -> float | None:
 
 def method_of(experiment: Experiment, name: str, rng: np.random.Generator) -> Method:
     """The method of a condition, at its beginning. HapticError when an outside one cannot be had."""
-    settings = experiment.method(experiment.condition(name))
+    settings = experiment.file.method
     match settings:
         case said.Constant():
             return ConstantMethod(settings.levels, settings.repeats, rng)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sys
 import threading
 from collections import Counter
 from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
 from urllib.parse import parse_qs, urlparse
 
 import numpy as np
@@ -226,3 +228,17 @@ def test_an_optimiser_that_cannot_be_had_is_said(settings, error, code):
     with pytest.raises(error) as raised:
         OutsideMethod(Outside(kind="outside", **settings), ABOUT).suggest()
     assert raised.value.code == code
+
+
+def test_the_code_on_the_page_about_experiments_runs(capsys):
+    page = Path(__file__).resolve().parents[4] / "docs" / "experiments.md"
+    optimiser, by_hand = re.findall(
+        r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+    )
+    names = {}
+    exec(optimiser, names)
+    mine = names["Mine"](**ABOUT)
+    mine.report(mine.suggest(), True)
+    assert mine.suggest() == pytest.approx(0.32)
+    exec(by_hand, {})
+    assert float(capsys.readouterr().out) == pytest.approx(0.12, rel=0.3)
