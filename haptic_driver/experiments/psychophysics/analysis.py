@@ -60,6 +60,11 @@ def analyse(folder: Path, *, as_felt: bool = False) -> list[Result]:
     found = sessions(folder)
     if not found:
         raise BadInputError("no_results", f"{folder}: holds no session", "Give the --out of haptic experiment run")
+    return results_of(found, as_felt=as_felt)
+
+
+def results_of(found: Sequence[SessionFiles], *, as_felt: bool = False) -> list[Result]:
+    """Every participant and condition of some sessions."""
     experiments: dict[tuple[str, str], Experiment] = {}
     rows: dict[tuple[str, str, str], list[list[Row]]] = defaultdict(list)
     for files in found:

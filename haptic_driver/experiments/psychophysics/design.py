@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from haptic_driver.experiments.psychophysics.analysis import Result, analyse
+from haptic_driver.experiments.psychophysics.analysis import Result, results_of
 from haptic_driver.experiments.psychophysics.apparatus import AssumedApparatus
-from haptic_driver.experiments.psychophysics.data import SessionFiles
+from haptic_driver.experiments.psychophysics.data import Row, SessionFiles
 from haptic_driver.experiments.psychophysics.description import Experiment
 from haptic_driver.experiments.psychophysics.functions import Psychometric
 from haptic_driver.experiments.psychophysics.run import PretendedParticipant, run_session
@@ -46,19 +45,41 @@ def try_design(
     experiment: Experiment, participants: int, seed: int = 1, advance: Callable[[int], None] = lambda done: None
 ) -> list[Found]:
     """Run so many simulated participants through the experiment, each feeling exactly what is asked for."""
-    names = [f"S{number:04d}" for number in range(1, participants + 1)]
-    with TemporaryDirectory() as folder:
-        for done, name in enumerate(names, start=1):
-            files = SessionFiles(Path(folder), name, "01", experiment.file.name)
-            about = {"Experiment": experiment.file.model_dump(mode="json", exclude_none=True)}
-            run_session(experiment, files, AssumedApparatus(), pretended(experiment, name, "01", seed), about)
-            advance(done)
-        results = analyse(Path(folder))
+    kept = [_Remembered(f"S{number:04d}", experiment.file.name) for number in range(1, participants + 1)]
+    about = {"Experiment": experiment.file.model_dump(mode="json", exclude_none=True)}
+    for done, files in enumerate(kept, start=1):
+        run_session(experiment, files, AssumedApparatus(), pretended(experiment, files.participant, "01", seed), about)
+        advance(done)
+    results = results_of(kept)
     truth = experiment.file.simulated.threshold
     return [
         _found(condition.name, truth, [r for r in results if r.condition == condition.name])
         for condition in experiment.file.condition
     ]
+
+
+class _Remembered(SessionFiles):
+    """A session of which nothing is written."""
+
+    def __init__(self, participant: str, task: str) -> None:
+        super().__init__(Path(), participant, "01", task)
+        self._rows: list[Row] = []
+        self._about: dict[str, Any] = {}
+
+    def rows(self) -> list[Row]:
+        return list(self._rows)
+
+    def append(self, row: Row) -> None:
+        self._rows.append(row)
+
+    def describe(self, about: Mapping[str, Any]) -> None:
+        self._about = dict(about)
+
+    def described(self) -> dict[str, Any]:
+        return self._about
+
+    def write_participant(self) -> Path:
+        return self.folder
 
 
 def _found(condition: str, truth: float, results: list[Result]) -> Found:

@@ -214,11 +214,11 @@ def test_yes_and_no_leave_the_standard_out(tmp_path):
 
 
 def test_staircase_and_quest_plus_find_a_known_threshold_and_agree(tmp_path):
-    """Twelve simulated participants of threshold 0.15, by both: medians within 10 % of it and of each other."""
+    """Twenty simulated participants of threshold 0.15, by both: medians within 10 % of it and of each other."""
     found = []
     for tables in (STAIRCASE, QUEST_PLUS):
         experiment = made(tmp_path, tables=tables + "[simulated]\nthreshold = 0.15\nslope = 3.0\nlapse = 0.02\n")
-        (one,) = try_design(experiment, 12)
+        (one,) = try_design(experiment, 20)
         assert one.fitted == 1.0
         assert one.held_by_interval >= 0.75
         assert one.relative_std < 0.25
