@@ -1,4 +1,9 @@
-"""A psychometric function from answers: maximum likelihood, with intervals from the profile of the likelihood."""
+"""A psychometric function from answers: maximum likelihood, with intervals from the profile of the likelihood.
+
+Few answers of a staircase fit best with a far too steep function, and its interval is then too short: after 43 trials
+80 % of the 95 % intervals held the truth. So a slope that is e times off the usual one costs as much as a standard
+deviation; then 90 % did, with the same thresholds.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +23,7 @@ from haptic_driver.signals import Array
 HIGHEST_GUESS = 0.5  # where it is found
 SLOPES = (0.3, 15.0)  # of a Weibull; of a normal function in spans of the levels
 FURTHEST = 4.0  # spans of the levels (in logarithms for a Weibull) beyond which no threshold is looked for
+USUAL_SLOPE = {"weibull": 3.0, "normal": 4.0}
 LEAST_TRIALS = 8
 SURE = 1e-9  # no answer is quite impossible
 
@@ -69,6 +75,10 @@ class _Likelihood:
         return self.function(np.array([place, 0.0, 0.0, 0.0])).threshold
 
     def __call__(self, x: Array) -> float:
+        """What is made least: twice the negative logarithm, and the price of an unusual slope."""
+        return self.deviance(x) + float(x[1] - np.log(USUAL_SLOPE[self._form])) ** 2
+
+    def deviance(self, x: Array) -> float:
         """Twice the negative logarithm."""
         f = self.function(x)
         p = np.clip(probability(f.form, self._levels, f.threshold, f.slope, f.guess, f.lapse), SURE, 1.0 - SURE)
@@ -101,7 +111,7 @@ def fit(level: Sequence[float], positive: Sequence[bool], form: Form, guess: flo
     share = np.clip(yes / count, SURE, 1.0 - SURE)
     saturated = -2.0 * float(np.sum(xlogy(yes, share) + xlog1py(count - yes, -share)))
     interval = _interval(likelihood, least, best)
-    return Fit(likelihood.function(best), interval, max(least - saturated, 0.0), levels, yes, count)
+    return Fit(likelihood.function(best), interval, max(likelihood.deviance(best) - saturated, 0.0), levels, yes, count)
 
 
 def _interval(likelihood: _Likelihood, least: float, best: Array) -> tuple[float, float]:
