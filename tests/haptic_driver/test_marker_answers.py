@@ -7,6 +7,7 @@ import threading
 import pytest
 
 from haptic_driver.client import HapticClient
+from haptic_driver.errors import HapticError
 from haptic_driver.experiments.psychophysics.answers import GO_ON, MarkerParticipant
 from haptic_driver.experiments.psychophysics.run import Question
 from haptic_driver.experiments.psychophysics.schedule import Trial
@@ -64,3 +65,21 @@ def test_a_label_alone_answers_as_lsl_would(client):
     client.mark("first")
     thread.join()
     assert found == [(None, 0)]
+
+
+def test_a_participant_who_stops_the_experiment_ends_the_wait(client):
+    client.arm(60.0)
+    told = []
+
+    def ask():
+        try:
+            MarkerParticipant(client).ask(QUESTION)
+        except HapticError as error:
+            told.append(error)
+
+    thread, _ = in_thread(ask)
+    asked(client, 1)
+    client.disarm()
+    thread.join()
+    assert told[0].code == "stopped"
+    assert "disarmed by somebody" in told[0].message

@@ -10,10 +10,12 @@ import time
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+from haptic_driver.errors import HapticError
 from haptic_driver.experiments.psychophysics.run import Question
 from haptic_driver.recording.event import Event
 
 LOOK_S = 0.03
+TAKEN_AWAY = ("state", "lease", "fault")  # events that may mean that nobody is armed any more
 GO_ON = "go on"
 
 
@@ -25,6 +27,9 @@ class Client(Protocol):
 
     def events(self, since: int = 0) -> list[Event]:
         """What happened."""
+
+    def status(self) -> Any:
+        """The present state."""
 
 
 class MarkerParticipant:
@@ -42,7 +47,7 @@ class MarkerParticipant:
         self._client.mark("told", {"text": text})
 
     def ask(self, question: Question) -> int:
-        """The first answer that comes after the question."""
+        """The first answer that comes after the question. HapticError when the output was taken away meanwhile."""
         return self._answer(question.text, question.answers)
 
     def _answer(self, text: str, answers: Sequence[str]) -> int:
@@ -51,9 +56,17 @@ class MarkerParticipant:
         while True:
             for event in self._client.events(since):
                 since = event.number
+                if event.kind in TAKEN_AWAY:
+                    self._refuse_unless_armed()
                 if (found := _answered(event, asked, answers)) is not None:
                     return found
             time.sleep(LOOK_S)
+
+    def _refuse_unless_armed(self) -> None:
+        status = self._client.status()
+        if status.state not in ("armed", "rendering"):
+            said = f"the daemon is {status.state}" + (f": {status.fault}" if status.fault else ", disarmed by somebody")
+            raise HapticError("stopped", said, "Run the same command again: it goes on with the next trial")
 
 
 def _answered(event: Event, asked: int, answers: Sequence[str]) -> int | None:
