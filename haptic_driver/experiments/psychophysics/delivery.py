@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from haptic_driver.experiments.psychophysics.description import Delivery
 from haptic_driver.rig.slide import average
-from haptic_driver.signals import SLIDING_M_S, Array, Mask
-from haptic_driver.simulation.slide import WITHIN
+from haptic_driver.signals import SLIDING_M_S, WITHIN, Array, Mask
 
 STROKE_M = 0.003  # a finger that goes this far one way makes a stroke
 
@@ -36,7 +35,8 @@ class Felt(NamedTuple):
 def felt(samples: NDArray[np.void], where: Mask | None = None, settle_s: float = 0.0) -> Felt:
     """What samples of one interval, of dtype SAMPLE [n], say; of those at `where` alone, if that is given.
 
-    Friction is judged over moving averages, as that of a rendered slide is, from `settle_s` after the first sample on.
+    Friction is judged over moving averages, as that of a rendered slide is, from `settle_s` after the first sample on;
+    so is what was asked.
     """
     if not samples.size:
         return Felt()
@@ -49,13 +49,11 @@ def felt(samples: NDArray[np.void], where: Mask | None = None, settle_s: float =
         judged &= where
     if not judged.any():
         return Felt(strokes=strokes(samples))
-    # Means over judged time alone: lateral and normal force are averaged apart, as noise divided by noise has a bias.
-    shares = average(judged)
-    lateral = average(np.where(judged, np.abs(samples["lateral_force_n"]), 0.0))
-    pressed = average(np.where(judged, normal, 0.0))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        measured = np.where(shares > 0.0, lateral / pressed, np.nan)[judged]
-    asked = samples["target_cof"][judged]
+    lateral, pressed, target = (  # averaged apart, as a texture is felt over a window and noise over noise has a bias
+        average(np.where(judged, values, 0.0))[judged]
+        for values in (np.abs(samples["lateral_force_n"]), normal, samples["target_cof"])
+    )
+    measured, asked = lateral / pressed, target / average(judged)[judged]
     error = measured / asked - 1.0
     tick_s = float(np.median(np.diff(time_s))) if time_s.size > 1 else 0.0
     return Felt(

@@ -40,6 +40,15 @@ def test_noise_averages_out_and_an_offset_stays():
     assert felt(made(cof=0.66)).within_5_percent == 0.0
 
 
+def test_a_fine_texture_is_judged_as_it_is_felt_over_a_window():
+    samples = made(asked=np.tile([0.5, 0.7], 500), cof=0.6)
+    found = felt(samples)
+    assert (found.asked_cof, found.felt_cof) == (pytest.approx(0.6, rel=1e-3), pytest.approx(0.6))
+    assert found.within_5_percent == 1.0
+    samples["lateral_force_n"] *= 1.1
+    assert felt(samples).error == pytest.approx(0.1, abs=2e-3)
+
+
 def test_what_is_no_sliding_contact_or_comes_too_early_is_not_judged():
     samples = made()
     samples["lateral_force_n"][:200] = -0.4  # the one before still acts
