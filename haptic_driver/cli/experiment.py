@@ -17,7 +17,7 @@ from typer import Argument, Option
 
 from haptic_driver.cli.control import client_of
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import Json, named, progress, report, stderr, stdout
+from haptic_driver.cli.output import Json, ModelOption, RigOption, named, progress, report, stderr, stdout
 from haptic_driver.errors import BadInputError
 
 if TYPE_CHECKING:
@@ -106,6 +106,35 @@ def simulate(
         stdout.print(table)
 
     report(as_json, {"experiment": experiment.file.name, "participants": participants, "conditions": rows}, show)
+
+
+@app.command()
+def check(
+    file: File,
+    normal_force: Annotated[float, Option(help="Normal force of the finger, N.")] = 0.5,
+    rig: RigOption = "simulated",
+    model: ModelOption = "reference",
+    as_json: Json = False,
+) -> None:
+    """Say which levels of an experiment a rig can reach under a load; what is out of reach is no failure.
+
+    Example: `haptic experiment check friction_difference --rig simulated`
+    """
+    from haptic_driver.cli.texture import reachable_by  # noqa: PLC0415
+    from haptic_driver.experiments.psychophysics.description import load_experiment  # noqa: PLC0415
+    from haptic_driver.experiments.psychophysics.design import reached  # noqa: PLC0415
+
+    experiment = load_experiment(file)
+    low, high = reachable_by(rig, model, None, normal_force)
+    found = [reached(experiment, condition, (low, high)) for condition in experiment.file.condition]
+
+    def show() -> None:
+        stdout.print(f"{rig} reaches friction {low:.3g} to {high:.3g} under {normal_force:g} N")
+        for one in found:
+            stdout.print(f"  {one.said()}")
+
+    rows = [one._asdict() for one in found]
+    report(as_json, {"reachable_cof": [low, high], "normal_force_n": normal_force, "conditions": rows}, show)
 
 
 @app.command()

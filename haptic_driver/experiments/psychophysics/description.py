@@ -334,15 +334,21 @@ def load_experiment(name_or_path: str) -> Experiment:
     return experiment
 
 
+def asked_levels(method: Method) -> tuple[float, float] | None:
+    """The lowest and the highest level that a method may present; None where nobody knows."""
+    match method:
+        case Constant(levels=levels):
+            return min(levels), max(levels)
+        case Staircase(low=low, high=high) | QuestPlus(levels=Range(low=low, high=high)):
+            return low, high
+    return None
+
+
 def _check_levels(experiment: Experiment, condition: Condition) -> None:
     """BadInputError for levels that are no friction, or that the function does not know."""
-    match experiment.file.method:
-        case Constant(levels=levels):
-            ends = min(levels), max(levels)
-        case Staircase(low=low, high=high) | QuestPlus(levels=Range(low=low, high=high)):
-            ends = low, high
-        case _:
-            return
+    ends = asked_levels(experiment.file.method)
+    if ends is None:
+        return
     where = f"{experiment.path}: condition {condition.name}"
     if experiment.file.analysis.form == "weibull" and ends[0] < 0.0:
         said = f"{where}: level {ends[0]:g} is below 0, which a Weibull function does not know"

@@ -12,9 +12,10 @@ import numpy as np
 from haptic_driver.experiments.psychophysics.analysis import Result, results_of
 from haptic_driver.experiments.psychophysics.apparatus import AssumedApparatus
 from haptic_driver.experiments.psychophysics.data import Row, SessionFiles
-from haptic_driver.experiments.psychophysics.description import Experiment
+from haptic_driver.experiments.psychophysics.description import Condition, Experiment, asked_levels
 from haptic_driver.experiments.psychophysics.functions import Psychometric
 from haptic_driver.experiments.psychophysics.run import PretendedParticipant, run_session
+from haptic_driver.signals import WITHIN
 
 UNBIASED_GUESS = 0.1  # of a simulated participant who says yes or no
 
@@ -31,6 +32,46 @@ class Found(NamedTuple):
     trials: float
     held_by_interval: float
     fitted: float
+
+
+class Reached(NamedTuple):
+    """What a rig reaches of one condition: frictions that may be asked, and the levels of those that can be reached.
+
+    None where nobody knows: of textures, and of levels by an optimiser of others.
+    """
+
+    condition: str
+    asked_cof: tuple[float, float] | None
+    standard_is_reached: bool | None
+    reached_levels: tuple[float, float] | None
+
+    def said(self) -> str:
+        """In words."""
+        if self.asked_cof is None:
+            return f"{self.condition}: unknown before it is presented"
+        asked = f"{self.condition}: friction {self.asked_cof[0]:.3g} to {self.asked_cof[1]:.3g} may be asked"
+        if not self.standard_is_reached:
+            return f"{asked}; its standard is out of reach"
+        if self.reached_levels is None:
+            return f"{asked}; no level is reached"
+        return f"{asked}; levels {self.reached_levels[0]:.3g} to {self.reached_levels[1]:.3g} are reached"
+
+
+def reached(experiment: Experiment, condition: Condition, reachable_cof: tuple[float, float]) -> Reached:
+    """What a rig that reaches these frictions can present; as in delivery, 5 % beyond them count as reached."""
+    ends = asked_levels(experiment.file.method)
+    if condition.cof is None or ends is None:
+        return Reached(condition.name, None, None, None)
+    low, high = (1.0 - WITHIN) * reachable_cof[0], (1.0 + WITHIN) * reachable_cof[1]
+    lowest, highest = (condition.level_between(condition.cof, cof) for cof in (low, high))
+    levels = max(ends[0], lowest), min(ends[1], highest)
+    asked = [condition.comparison(level).cof or np.nan for level in ends]
+    alone = experiment.file.trial.intervals == 1
+    asked += [] if alone else [condition.cof]
+    return Reached(
+        condition.name, (min(asked), max(asked)), alone or low <= condition.cof <= high,
+        levels if levels[0] <= levels[1] else None,
+    )  # fmt: skip
 
 
 def pretended(experiment: Experiment, participant: str, session: str, seed: int = 0) -> PretendedParticipant:

@@ -19,6 +19,7 @@ COMMANDS = [
     ["surface", "build"], ["surface", "info"], ["surface", "plot"],
     ["texture", "list"], ["texture", "preview"], ["texture", "check"], ["texture", "play"], ["daemon", "run"],
     ["experiment", "run"], ["experiment", "simulate"], ["experiment", "analyse"],
+    ["experiment", "check"],
 ]  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from tests.haptic_driver.experiments.psychophysics.files import CONDITION, CONST
 
 def test_the_experiment_that_comes_with_the_program_loads():
     experiment = load_experiment("friction_difference")
-    assert [c.name for c in experiment.file.condition] == ["at05", "at06"]
+    assert [c.name for c in experiment.file.condition] == ["at055", "at065"]
     assert (experiment.answers, experiment.keys) == (("first", "second"), ("1", "2"))
     assert experiment.guess == 0.5
 

@@ -16,7 +16,7 @@ from haptic_driver.experiments.psychophysics.apparatus import AssumedApparatus
 from haptic_driver.experiments.psychophysics.data import COLUMNS, SessionFiles
 from haptic_driver.experiments.psychophysics.delivery import Felt
 from haptic_driver.experiments.psychophysics.description import Stimulus
-from haptic_driver.experiments.psychophysics.design import pretended, try_design
+from haptic_driver.experiments.psychophysics.design import pretended, reached, try_design
 from haptic_driver.experiments.psychophysics.run import run_session
 from haptic_driver.experiments.psychophysics.schedule import Schedule, correct_answer, positive_answer
 from tests.haptic_driver.experiments.psychophysics.files import CONSTANT, QUEST_PLUS, STAIRCASE, made
@@ -211,6 +211,19 @@ def test_yes_and_no_leave_the_standard_out(tmp_path):
 
 
 # --- thresholds that are known ---------------------------------------------------------------------------------------
+
+
+def test_what_a_rig_reaches_of_a_design(tmp_path):
+    """Levels 0.05 to 0.2 on frictions 0.5 and 0.6, by a rig whose 0.532 to 0.65 reach 0.505 to 0.6825 within 5 %."""
+    experiment = made(tmp_path, conditions=TWO)
+    low, both = (reached(experiment, condition, (0.505 / 0.95, 0.65)) for condition in experiment.file.condition)
+    assert (low.asked_cof, low.standard_is_reached) == (pytest.approx((0.5, 0.6)), False)
+    assert both.asked_cof == pytest.approx((0.6, 0.72))
+    assert both.standard_is_reached
+    assert both.reached_levels == pytest.approx((0.05, 0.1375))
+    assert reached(experiment, experiment.condition("b"), (0.2, 0.5)).reached_levels is None
+    alone = made(tmp_path, tables="[trial]\nintervals = 1\n" + CONSTANT)
+    assert reached(alone, alone.condition("a"), (0.6, 0.8)).standard_is_reached
 
 
 def test_staircase_and_quest_plus_find_a_known_threshold_and_agree(tmp_path):
