@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import select
+import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -17,7 +18,7 @@ from typer import Argument, Option
 
 from haptic_driver.cli.control import client_of
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import Json, ModelOption, RigOption, named, progress, report, stderr, stdout
+from haptic_driver.cli.output import Json, ModelOption, RigOption, named, progress, report, signals_to, stderr, stdout
 from haptic_driver.errors import BadInputError
 
 if TYPE_CHECKING:
@@ -67,7 +68,8 @@ def run(
         check_textures(experiment, client.textures())
         about = _about(experiment, client)
         answering = _participant(experiment, client, files, simulated)
-        with client.armed(LEASE_S) as held, _recorded(client, files, record):
+        as_ctrl_c = signals_to(signal.default_int_handler, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        with as_ctrl_c, client.armed(LEASE_S) as held, _recorded(client, files, record):
             done = run_session(experiment, files, DaemonApparatus(client, held, files.beh), answering, about)
     payload = done._asdict() | {
         "table": str(files.table),
@@ -233,7 +235,10 @@ def _participant(experiment: Experiment, client: HapticClient, files: SessionFil
 def _recorded(client: HapticClient, files: SessionFiles, wanted: bool) -> Iterator[None]:
     if wanted:
         files.beh.mkdir(parents=True, exist_ok=True)
-        client.record(files.table.with_name(files.table.stem.removesuffix("_beh") + "_recording.h5"))
+        path = files.table.with_name(files.table.stem.removesuffix("_beh") + "_recording.h5").absolute()
+        if client.status().recording == str(path):  # what a killed run has left; this one is the file's next
+            client.record(None)
+        client.record(path)
     try:
         yield
     finally:
