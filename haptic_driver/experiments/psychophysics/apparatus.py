@@ -38,9 +38,6 @@ class Client(Protocol):
     def status(self) -> Any:
         """The present state."""
 
-    def textures(self) -> list[str]:
-        """Names that it plays."""
-
 
 class Session(Protocol):
     """What is asked of the session of an armed client."""

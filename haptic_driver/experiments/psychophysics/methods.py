@@ -60,7 +60,7 @@ class StaircaseMethod:
         return None if over else self._level
 
     def report(self, level: float, positive: bool) -> None:
-        """Step, where it is time for it."""
+        """Step from where it stands, which only the nearest of a few textures may have stood for."""
         settings = self._settings
         self._trials += 1
         self._in_a_row = max(self._in_a_row, 0) + 1 if positive else min(self._in_a_row, 0) - 1
@@ -69,10 +69,11 @@ class StaircaseMethod:
             return
         self._in_a_row = 0
         if direction == -self._direction:
-            self.reversals.append(level)
+            self.reversals.append(self._level)
         self._direction = direction
         step = settings.steps[min(len(self.reversals), len(settings.steps) - 1)]
-        stepped = level + direction * step if settings.scale == "linear" else level * (1.0 + step) ** direction
+        linear = settings.scale == "linear"
+        stepped = self._level + direction * step if linear else self._level * (1.0 + step) ** direction
         self._level = min(max(stepped, settings.low), settings.high)
 
     @property

@@ -13,7 +13,7 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.psychophysics.apparatus import Apparatus
 from haptic_driver.experiments.psychophysics.data import Row, SessionFiles, mean_of
 from haptic_driver.experiments.psychophysics.delivery import why_not_delivered
-from haptic_driver.experiments.psychophysics.description import Experiment
+from haptic_driver.experiments.psychophysics.description import Experiment, Outside
 from haptic_driver.experiments.psychophysics.functions import Psychometric
 from haptic_driver.experiments.psychophysics.schedule import Schedule, Trial, correct_answer, positive_answer
 
@@ -115,6 +115,8 @@ def resumed(experiment: Experiment, files: SessionFiles) -> tuple[Schedule, list
     schedule = Schedule(experiment, files.participant, files.session)
     for row in rows:
         trial = schedule.next()
+        if trial is not None and isinstance(experiment.file.method, Outside):
+            trial = trial._replace(level=row.level)  # who knows whether it suggests the same again
         if trial is None or begun_with != experiment.content_hash or not _same(trial, row):
             said = f"{files.table}: trial {row.trial} is not one of {experiment.path} as it is now"
             raise BadInputError("another_experiment", said, "Restore that file, or give another --session or --out")

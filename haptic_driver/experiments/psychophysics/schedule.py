@@ -45,11 +45,6 @@ class Schedule:
         self._blocks = blocks
         self._methods = self._begun()
 
-    @property
-    def methods(self) -> dict[str, Method]:
-        """Of the present block, by condition."""
-        return self._methods
-
     def next(self) -> Trial | None:
         """The next trial, the same until it is reported; None at the end."""
         rng = self._rng(TRIALS, self._number)

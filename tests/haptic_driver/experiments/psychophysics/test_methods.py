@@ -16,7 +16,14 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.experiments.psychophysics.description import Outside, QuestPlus, Range, Staircase
+from haptic_driver.experiments.psychophysics.description import (
+    Comparison,
+    Condition,
+    Outside,
+    QuestPlus,
+    Range,
+    Staircase,
+)
 from haptic_driver.experiments.psychophysics.methods import ConstantMethod, StaircaseMethod, converges_at
 from haptic_driver.experiments.psychophysics.outside import OutsideMethod
 from haptic_driver.experiments.psychophysics.quest_plus import QuestPlusMethod
@@ -242,3 +249,16 @@ def test_the_code_on_the_page_about_experiments_runs(capsys):
     assert mine.suggest() == pytest.approx(0.32)
     exec(by_hand, {})
     assert float(capsys.readouterr().out) == pytest.approx(0.12, rel=0.3)
+
+
+def test_a_staircase_walks_on_where_few_textures_stand_for_its_levels():
+    """Steps of a tenth, textures far apart: the level that is presented stays, and then jumps."""
+    settings = Staircase(kind="staircase", start=0.3, steps=[0.1], scale="linear", low=0.0, high=0.5, down=1)
+    condition = Condition(
+        name="a", texture="t", comparisons=[Comparison(level=0.0, texture="x"), Comparison(level=0.3, texture="y")]
+    )
+    staircase, presented = StaircaseMethod(settings), []
+    for _ in range(4):
+        presented.append(condition.available(staircase.suggest()))
+        staircase.report(presented[-1], True)
+    assert presented == [0.3, 0.3, 0.0, 0.0]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import math
+import sys
+import types
 from collections import Counter
 
 import numpy as np
@@ -153,6 +155,38 @@ def test_a_session_that_was_stopped_goes_on_as_if_it_had_not_been(tmp_path, tabl
     files, progress = session_of(experiment, tmp_path / "stopped")
     assert (progress.done, progress.presented_now) == (True, progress.trials - 4)
     assert kept(files) == kept(whole)
+
+
+class Wanderer:
+    """An optimiser of others that suggests something else every time it is made; `told` outlives it."""
+
+    made = 0
+    told = ()
+
+    def __init__(self, experiment, condition):
+        Wanderer.made += 1
+        self._level = 0.1 * Wanderer.made
+        Wanderer.told = []
+
+    def suggest(self):
+        return self._level
+
+    def report(self, level, positive):
+        Wanderer.told.append((pytest.approx(level), positive))
+
+
+def test_an_optimiser_of_others_is_told_everything_again_after_a_crash(tmp_path, monkeypatch):
+    module = types.ModuleType("wanderer")
+    module.Wanderer = Wanderer
+    monkeypatch.setitem(sys.modules, "wanderer", module)
+    experiment = made(tmp_path, tables='[method]\nkind = "outside"\npython = "wanderer:Wanderer"\ntrials = 5\n')
+    with pytest.raises(KeyboardInterrupt):
+        session_of(experiment, tmp_path / "out", Leaves(pretended(experiment, "P1", "01"), 4))
+    files, progress = session_of(experiment, tmp_path / "out")
+    assert progress.done
+    rows = files.rows()
+    assert [row.level for row in rows] == pytest.approx([0.1, 0.1, 0.1, 0.2, 0.2])
+    assert Wanderer.told == [(row.level, row.positive) for row in rows]
 
 
 def test_a_session_that_is_over_or_of_another_file_is_refused(tmp_path):
