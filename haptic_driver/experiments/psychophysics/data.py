@@ -120,11 +120,11 @@ class SessionFiles:
         whole = text[: text.rfind("\n") + 1]
         if whole != text:
             write_text(self.table, whole)
-        return list(_rows(whole, self.table))
+        return list(_rows(whole, self.table)) if whole else []
 
     def append(self, row: Row) -> None:
         """Add one, through to the disk."""
-        is_new = not self.table.exists()
+        is_new = not self.table.exists() or not self.table.stat().st_size
         with writing(self.table):
             self.beh.mkdir(parents=True, exist_ok=True)
             with self.table.open("a", encoding="utf-8", newline="") as file:

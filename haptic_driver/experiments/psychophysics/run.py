@@ -17,6 +17,8 @@ from haptic_driver.experiments.psychophysics.description import Experiment, Outs
 from haptic_driver.experiments.psychophysics.functions import Psychometric
 from haptic_driver.experiments.psychophysics.schedule import Schedule, Trial, correct_answer, positive_answer
 
+SAME_ALL_ALONG = ("rig", "model", "surface_hash")  # of the sidecar's Rig, in one session
+
 
 class Question(NamedTuple):
     """What is asked after a trial. `level` is for those who only pretend to feel: of what was felt, else as asked."""
@@ -84,6 +86,7 @@ def run_session(
     if trial is None:
         said = f"session {files.session} of {files.participant} is complete: {len(rows)} trials"
         raise BadInputError("session_complete", said, "Give another --session, or another --participant")
+    _refuse_another_rig(files, about, begun=bool(rows))
     files.describe({"ExperimentHash": experiment.content_hash, **about})
     apparatus.mark("session begins" if not rows else "session goes on", _names(files))
     participant.wait(experiment.file.instructions or experiment.file.response.question)
@@ -122,6 +125,16 @@ def resumed(experiment: Experiment, files: SessionFiles) -> tuple[Schedule, list
             raise BadInputError("another_experiment", said, "Restore that file, or give another --session or --out")
         schedule.report(trial, row.positive if row.delivered else None)
     return schedule, rows
+
+
+def _refuse_another_rig(files: SessionFiles, about: Mapping[str, Any], *, begun: bool) -> None:
+    """BadInputError where a session that has begun would go on with another rig or model."""
+    before, now = files.described().get("Rig", {}), about.get("Rig", {})
+    changed = [name for name in SAME_ALL_ALONG if before.get(name) != now.get(name)]
+    if begun and changed:
+        said = ", ".join(f"{name} {before.get(name)}, now {now.get(name)}" for name in changed)
+        hint = "Start the daemon as before, or give another --session"
+        raise BadInputError("another_rig", f"{files.sidecar}: begun with {said}", hint)
 
 
 def _same(trial: Trial, row: Row) -> bool:

@@ -128,9 +128,9 @@ class NoFinger(AssumedApparatus):
         return there if self.presented < self.since else [Felt()] * len(stimuli)
 
 
-def session_of(experiment, folder, participant=None, apparatus=None):
+def session_of(experiment, folder, participant=None, apparatus=None, model="reference"):
     files = SessionFiles(folder, "P1", "01", "made")
-    about = {"Experiment": experiment.file.model_dump(mode="json", exclude_none=True)}
+    about = {"Experiment": experiment.file.model_dump(mode="json", exclude_none=True), "Rig": {"model": model}}
     return files, run_session(
         experiment, files, apparatus or AssumedApparatus(), participant or pretended(experiment, "P1", "01"), about
     )
@@ -187,6 +187,26 @@ def test_an_optimiser_of_others_is_told_everything_again_after_a_crash(tmp_path,
     rows = files.rows()
     assert [row.level for row in rows] == pytest.approx([0.1, 0.1, 0.1, 0.2, 0.2])
     assert Wanderer.told == [(row.level, row.positive) for row in rows]
+
+
+@pytest.mark.parametrize("left", ["", "tri", None])
+def test_a_crash_at_the_very_beginning_leaves_nothing_in_the_way(tmp_path, left):
+    experiment = made(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        session_of(experiment, tmp_path / "out", Leaves(pretended(experiment, "P1", "01"), 1))
+    files = SessionFiles(tmp_path / "out", "P1", "01", "made")
+    if left is not None:
+        files.table.write_text(left)
+    session_of(experiment, tmp_path / "out", model="another")  # nothing was presented with the first
+    assert len(files.rows()) == 6
+
+
+def test_a_session_does_not_go_on_with_another_model(tmp_path):
+    experiment = made(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        session_of(experiment, tmp_path / "out", Leaves(pretended(experiment, "P1", "01"), 3))
+    with pytest.raises(BadInputError, match="begun with model reference, now another"):
+        session_of(experiment, tmp_path / "out", model="another")
 
 
 def test_a_session_that_is_over_or_of_another_file_is_refused(tmp_path):
