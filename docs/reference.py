@@ -20,6 +20,7 @@ from pydantic import TypeAdapter
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.web.api import create_app
 from haptic_driver.experiments.plan import PlanFile
+from haptic_driver.experiments.psychophysics.description import ExperimentFile
 from haptic_driver.experiments.study import StudyPlan
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.textures.description import Description
@@ -80,6 +81,9 @@ def configuration_page() -> str:
         *_variants(TypeAdapter(Description).json_schema(), words["texture"]),
         "## Measurement plans: `configs/plans/NAME.toml`",
         *_sections(PlanFile.model_json_schema(), words["plan"]),
+        "## Experiments: `configs/experiments/NAME.toml`",
+        words["experiments"].strip(),
+        *_sections(ExperimentFile.model_json_schema(), words["experiment"]),
         "## Populations of fingers: `configs/populations/NAME.toml`",
         *_sections(StudyPlan.model_json_schema(), words["population"]),
     ]

@@ -15,7 +15,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing, contextmanager
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
@@ -28,7 +28,7 @@ from urllib.parse import urlencode
 from pydantic import BaseModel, ValidationError
 
 from haptic_driver.daemon import verbs
-from haptic_driver.daemon.messages import LEASE_HEADER, ErrorReport, Lease, RefusedError, StateFrame, Status
+from haptic_driver.daemon.messages import LEASE_HEADER, ErrorReport, Lease, Marked, RefusedError, StateFrame, Status
 from haptic_driver.daemon.place import default_socket
 from haptic_driver.daemon.verbs import Answer, Asked, Verb
 from haptic_driver.errors import BadInputError, HapticError
@@ -120,6 +120,10 @@ class HapticClient:
     def record(self, path: Path | None) -> Status:
         """Record into a file, or stop with None."""
         return self._ask(verbs.RECORD, path=str(path.absolute()) if path is not None else None)
+
+    def mark(self, label: str, data: Mapping[str, object] | None = None) -> Marked:
+        """Write a marker, with anything that JSON can say, among the events and into the recording."""
+        return self._ask(verbs.MARK, label=label, data=dict(data or {}))
 
     def status(self) -> Status:
         """The present state."""

@@ -18,6 +18,7 @@ Policy = Literal["max_authority", "min_voltage", "min_current", "fixed_frequency
 """What the controller chooses frequencies for."""
 POLICIES: tuple[Policy, ...] = get_args(Policy)
 
+WITHIN = 0.05  # of the friction asked for: what counts as rendered
 SLIDING_M_S = 0.002  # below, a finger rests and kinetic friction is not defined
 
 

@@ -32,7 +32,21 @@ HANG_S = 120.0
 
 SERVED = "haptic daemon run --rig simulated --port 8470"  # what sessions begin with
 UNTIL_CTRL_C = ("haptic arm", "haptic watch")
-ASKS_DAEMON = ("arm", "set", "texture play", "off", "disarm", "use", "reset", "status", "watch", "record")
+ASKS_DAEMON = (
+    "arm",
+    "set",
+    "texture play",
+    "off",
+    "disarm",
+    "use",
+    "reset",
+    "status",
+    "watch",
+    "record",
+    "mark",
+    "experiment run first_look",
+    "experiment analyse",
+)
 PLACEHOLDERS = {"MU": "0.6", "MODEL": "reference", "T": "linen", "FILE": "run.h5", "DIR": "out", "...": ""}
 
 

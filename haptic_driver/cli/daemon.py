@@ -38,6 +38,9 @@ def run(
     osc: Annotated[
         str | None, Option(metavar="HOST:PORT", help="Send samples and events there, as OSC over UDP.")
     ] = None,
+    lsl_markers: Annotated[
+        str | None, Option(metavar="STREAM", help="Take markers from the LSL stream of that name.")
+    ] = None,
     as_json: Json = False,
 ) -> int:
     """Run the daemon in the foreground until Ctrl-C or SIGTERM; it starts idle, with the output off.
@@ -48,7 +51,7 @@ def run(
     Example: `haptic daemon run --rig simulated --port 8470`
     """
     from haptic_driver.daemon.quiet_log import OncePerSecond  # noqa: PLC0415
-    from haptic_driver.daemon.run import run_daemon  # noqa: PLC0415  (the web server is slow to import)
+    from haptic_driver.daemon.run import Links, run_daemon  # noqa: PLC0415  (the web server is slow to import)
 
     def announce(socket: Path, page: str | None) -> None:
         report(as_json, {"socket": str(socket), "page": page}, lambda: _show(rig, socket, page))
@@ -56,7 +59,7 @@ def run(
     handler = logging.StreamHandler()
     handler.addFilter(OncePerSecond())
     logging.basicConfig(format="%(asctime)s %(name)s: %(message)s", level=logging.INFO, handlers=[handler])
-    return run_daemon(rig, socket, model, allow_no_rt, port, lsl, osc, announce)
+    return run_daemon(rig, socket, model, allow_no_rt, port, Links(lsl, osc, lsl_markers), announce)
 
 
 def _show(rig: str, socket: Path, page: str | None) -> None:

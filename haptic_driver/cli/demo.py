@@ -20,8 +20,9 @@ from haptic_driver.pictures.friction import draw_slide
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.slide import Slide, read_slide, synthetic_slide
 from haptic_driver.rig.tick_settings import tick_settings
+from haptic_driver.signals import WITHIN
 from haptic_driver.simulation.rig import SimulatedRig
-from haptic_driver.simulation.slide import WITHIN, Score, SlideRecord, render_slide, score
+from haptic_driver.simulation.slide import Score, SlideRecord, render_slide, score
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.file import SurfaceFile, read_surface
 from haptic_driver.surface.models import load_model

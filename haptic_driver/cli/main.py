@@ -42,6 +42,7 @@ COMMANDS = {
     "status": "Say what the daemon does; `output_on` is null where nobody knows.",
     "watch": "Show state, friction, voltage and flags until Ctrl-C; in a pipe or with --json, a JSON object per line.",
     "record": "Record every tick into a file, until --stop.",
+    "mark": "Write a marker among the daemon's events and into the recording.",
     "export": "Write a run of a recording as CSV or Parquet, one row per tick.",
     "measure": "Measure friction, and the electrode's voltage and current, over a plan's settings.",
     "diagnose": "Find where measured friction and the model disagree, name the missing effect, add it, and prove it.",
@@ -52,10 +53,11 @@ COMMANDS = {
     "sensitivity": "Say how much each uncertain number adds to the spread of the electrostatic force (Sobol indices).",
     "explore": "Draw the force's spectrum under several drives, the impedance, where force turns steep, and friction.",
     "reproduce": "Compute figures 4 to 8 of the paper: pictures, CSV tables, and its statements beside what comes out.",
+    "experiment": "Run psychophysical experiments, try their design without a rig, and fit what was answered.",
     "simulate": "Serve the simulated instruments of a rig on loopback until interrupted, for any software to talk to.",
     "doctor": "Check a rig without energising it: identity, settings, limits, monitors, calibration dates, scheduling.",
 }
-GROUPS = ("surface", "texture", "daemon")
+GROUPS = ("surface", "texture", "daemon", "experiment")
 CONTROL = ("arm", "set", "off", "disarm", "use", "reset", "status")  # in one module; each other one has its own
 
 # What the parser raises for a wrong command line, whether typer ships its parser or imports it.

@@ -71,7 +71,7 @@ def check(
     Example: `haptic texture check linen --normal-force 0.5`
     """
     loaded = load(name, texture_dirs())
-    reachable = _reachable(rig, model, surface, normal_force)
+    reachable = reachable_by(rig, model, surface, normal_force)
     found = demand(loaded.target, reachable)
     payload = {
         "name": name,
@@ -109,7 +109,8 @@ def _entry(name: str) -> dict[str, Any]:
     }
 
 
-def _reachable(rig: str, model: str, surface: Path | None, normal_force_n: float) -> tuple[float, float]:
+def reachable_by(rig: str, model: str, surface: Path | None, normal_force_n: float) -> tuple[float, float]:
+    """The lowest and the highest friction under a load, by a model or a surface's file within a rig's limits."""
     # Slow to import, and no other command of this group needs them.
     from haptic_driver.render.controller import Controller, ControllerSettings  # noqa: PLC0415
     from haptic_driver.rig.config import load_rig  # noqa: PLC0415

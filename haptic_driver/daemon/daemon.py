@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from haptic_driver.config import config_names, texture_dirs
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.loader import Loader
-from haptic_driver.daemon.messages import SOMEBODY, DaemonState, Lease, RefusedError, Status, Tile, TileRequest
+from haptic_driver.daemon.messages import SOMEBODY, DaemonState, Lease, Marked, RefusedError, Status, Tile, TileRequest
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.recordings import Recordings
 from haptic_driver.daemon.set_up import DaemonSettings
@@ -30,6 +30,7 @@ from haptic_driver.daemon.watchers import WATCHERS, Watched
 from haptic_driver.daemon.web import drawings
 from haptic_driver.errors import HapticError, message_of
 from haptic_driver.processes.shared_memory import RING_SAMPLES, Output, SharedState
+from haptic_driver.recording.clock import clock_offsets
 from haptic_driver.recording.event import Event
 from haptic_driver.rig.actuator import actuator_name
 from haptic_driver.rig.devices import calibration_ids
@@ -246,6 +247,11 @@ class Daemon:
         else:
             self._recordings.start(Path(path))
         return self.status()
+
+    def mark(self, label: str, data: Mapping[str, Any]) -> Marked:
+        """Somebody's marker among the events."""
+        event = self.event_log.add("marker", label, data)
+        return Marked(number=event.number, time_s=event.time_s, **dict(clock_offsets()))
 
     def textures(self) -> list[str]:
         """Names that `play` knows."""

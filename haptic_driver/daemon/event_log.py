@@ -6,7 +6,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from haptic_driver.recording.event import Event
@@ -27,12 +27,18 @@ class EventLog:
 
     def tell(self, kind: str, message: str, **data: Any) -> None:
         """Add one, now."""
+        self.add(kind, message, data)
+
+    def add(self, kind: str, message: str, data: Mapping[str, Any], time_s: float | None = None) -> Event:
+        """Add one that happened at `time_s` of CLOCK_MONOTONIC, by default now."""
         with self._lock:
             self._count += 1
-            event = Event(number=self._count, time_s=time.monotonic(), kind=kind, message=message, data=data)
+            happened_s = time.monotonic() if time_s is None else time_s
+            event = Event(number=self._count, time_s=happened_s, kind=kind, message=message, data=dict(data))
             self._events.append(event)
         self.listener(event)
         _log.log(logging.ERROR if kind in ("fault", "trip") else logging.INFO, "%s: %s", kind, message)
+        return event
 
     def since(self, number: int) -> list[Event]:
         """Those above `number`."""

@@ -8,10 +8,11 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Annotated
 
-from pydantic import ConfigDict, Field, FiniteFloat, RootModel
+from pydantic import ConfigDict, Field, FiniteFloat, JsonValue, RootModel
 
 from haptic_driver.config import Checked
 from haptic_driver.errors import HapticError
+from haptic_driver.recording.clock import ClockOffsets
 from haptic_driver.recording.event import Event
 
 LEASE_HEADER = "X-Haptic-Lease"
@@ -134,6 +135,20 @@ class RecordingRequest(Request):
     """`haptic record FILE`; null stops."""
 
     path: Annotated[str, Field(min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f]+$")] | None
+
+
+class Mark(Request):
+    """`haptic mark LABEL`: something that happened, in the words of whoever saw it."""
+
+    label: Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f]+$")]
+    data: dict[str, JsonValue] = Field({})
+
+
+class Marked(ClockOffsets):
+    """A marker as it was told: its event's number, its time on CLOCK_MONOTONIC, and what to add for other clocks."""
+
+    number: int
+    time_s: float
 
 
 class SinceEvent(Checked, extra="ignore"):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from haptic_driver.errors import BadInputError, optional
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.processes.shared_memory import Ring
+from haptic_driver.recording.clock import lsl_offset_s
 from haptic_driver.recording.event import Event
 
 PERIOD_S = 0.02  # between looks at the ring; OSC sends the newest sample so often
@@ -55,7 +55,7 @@ class LslOutlet:
 
     def send(self, samples: NDArray[np.void], events: Sequence[Event]) -> None:
         """Push all of them with the times at which they happened."""
-        offset_s = self._lsl.local_clock() - time.monotonic()
+        offset_s = lsl_offset_s(self._lsl)
         if samples.size:
             rows = structured_to_unstructured(samples, np.float64)
             self._samples.push_chunk(rows, (samples["time_s"] + offset_s).tolist())

@@ -9,8 +9,10 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from haptic_driver.daemon.daemon import Daemon
+from haptic_driver.daemon.inlets import LslMarkers, hearing
 from haptic_driver.daemon.outlets import LslOutlet, OscOutlet, Outlet, feeding
 from haptic_driver.daemon.place import Place, default_socket
 from haptic_driver.daemon.service import as_service
@@ -25,20 +27,28 @@ PAGE_FOLDER = Path(__file__).parent / "web" / "dashboard"
 _log = logging.getLogger(__name__)
 
 
+class Links(NamedTuple):
+    """To other programs: samples and events as streams of the Lab Streaming Layer, the same by OSC to HOST:PORT, and
+    markers from the LSL stream of that name.
+    """
+
+    lsl: bool = False
+    osc: str | None = None
+    lsl_markers: str | None = None
+
+
 def run_daemon(
     rig: str,
     socket: Path | None,
     model: str,
     allow_no_rt: bool,
     tcp_port: int | None,
-    lsl: bool,
-    osc: str | None,
+    links: Links,
     announce: Callable[[Path, str | None], None],
 ) -> int:
     """Run a daemon until SIGTERM, SIGINT or SIGHUP; exit status 0 when the output is known to be off at the end.
 
-    `lsl`: samples and events as streams of the Lab Streaming Layer; `osc`: the same to HOST:PORT. `announce` is called
-    once it can be used, with its socket and the address of its page, which holds the token.
+    `announce` is called once it can be used, with its socket and the address of its page, which holds the token.
     Raises HapticError when it does not get that far.
     """
     ended = threading.Event()
@@ -51,8 +61,8 @@ def run_daemon(
     try:
         with compilation_said("daemon"):
             settings = daemon_settings(rig, model, allow_no_rt=allow_no_rt)
-            outlets = _outlets(settings, lsl, osc)
-            return 0 if _serve_until(ended, settings, place, tcp_port, outlets, announce) is False else 1
+            partners = _partners(settings, links)
+            return 0 if _serve_until(ended, settings, place, tcp_port, partners, announce) is False else 1
     finally:
         place.close()
 
@@ -62,7 +72,7 @@ def _serve_until(
     settings: DaemonSettings,
     place: Place,
     tcp_port: int | None,
-    outlets: Sequence[Outlet],
+    partners: _Partners,
     announce: Callable[[Path, str | None], None],
 ) -> bool | None:
     """Whether the output is on at the end; None: unknown."""
@@ -73,9 +83,11 @@ def _serve_until(
         with ExitStack() as running:
             page = running.enter_context(serve(daemon, place, tcp_port, page=page_folder))
             running.enter_context(as_service(lambda: daemon.status().ticks))
-            if outlets:
-                failed = partial(daemon.event_log.tell, "outlet")
-                running.enter_context(feeding(outlets, daemon.shared.ring, daemon.events, failed))
+            failed = partial(daemon.event_log.tell, "outlet")
+            if partners.outlets:
+                running.enter_context(feeding(partners.outlets, daemon.shared.ring, daemon.events, failed))
+            if partners.inlet is not None:
+                running.enter_context(hearing(partners.inlet, daemon.event_log.add, failed))
             _log.info("ready at %s; processes %s", place.path, daemon.pids)
             announce(place.path, page)
             while not ended.wait(KEEP_PERIOD_S):
@@ -89,7 +101,15 @@ def _serve_until(
     return output_on
 
 
-def _outlets(settings: DaemonSettings, lsl: bool, osc: str | None) -> list[Outlet]:
+class _Partners(NamedTuple):
+    """Who is sent to, and who is heard."""
+
+    outlets: Sequence[Outlet]
+    inlet: LslMarkers | None
+
+
+def _partners(settings: DaemonSettings, links: Links) -> _Partners:
     """Those that are asked for, before anything is started. Raises HapticError without their packages."""
-    wanted: list[Outlet] = [LslOutlet(1.0 / settings.render.period_s, settings.config.name)] if lsl else []
-    return wanted + ([OscOutlet(osc)] if osc is not None else [])
+    lsl = [LslOutlet(1.0 / settings.render.period_s, settings.config.name)] if links.lsl else []
+    osc = [OscOutlet(links.osc)] if links.osc is not None else []
+    return _Partners([*lsl, *osc], None if links.lsl_markers is None else LslMarkers(links.lsl_markers))

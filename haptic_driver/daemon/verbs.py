@@ -91,6 +91,11 @@ RECORD = Verb(
     "record", "POST", "/record", messages.RecordingRequest, Status, lambda daemon, asked, _: daemon.record(asked.path),
     "Record into a file on the daemon's machine, or stop with null.",
 )  # fmt: skip
+MARK = Verb(
+    "mark", "POST", "/mark", messages.Mark, messages.Marked,
+    lambda daemon, asked, _: daemon.mark(asked.label, asked.data),
+    "Write a marker among the events, and so into the recording; from anyone.",
+)  # fmt: skip
 STATUS = Verb("status", "GET", "/status", Empty, Status, lambda daemon, *_: daemon.status(), "The present state.")
 TEXTURES = Verb(
     "textures", "GET", "/textures", Empty, messages.TextureNames,
@@ -126,5 +131,5 @@ MODELS = Verb(
     "Names that `/model` knows.",
 )  # fmt: skip
 
-COMMANDS: tuple[Verb[Any, Any], ...] = (ARM, RENEW, SET, PLAY, OFF, DISARM, RESET, USE_MODEL, RECORD)
+COMMANDS: tuple[Verb[Any, Any], ...] = (ARM, RENEW, SET, PLAY, OFF, DISARM, RESET, USE_MODEL, RECORD, MARK)
 VIEWS: tuple[Verb[Any, Any], ...] = (STATUS, TEXTURES, EVENTS, SAMPLES, SURFACE, TEXTURE, TILE, MODELS)

@@ -10,7 +10,8 @@ import numpy as np
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.pictures.files import pyplot, saved
-from haptic_driver.simulation.slide import WITHIN, SlideRecord, score
+from haptic_driver.signals import WITHIN
+from haptic_driver.simulation.slide import SlideRecord, score
 from haptic_driver.surface.file import SurfaceFile
 
 TARGET, ACHIEVED, DRIVE = "#d1495b", "#1b6ca8", "#3a3a3a"

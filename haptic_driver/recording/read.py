@@ -7,9 +7,10 @@
 - `config`: the rig's full resolved configuration, JSON;
 - attributes, all strings or floats (MATLAB's h5readatt fails on integers): `rig`, `model`, `simulated` (1 or 0),
   `surface_hash`, `calibration_ids` (JSON), `software_version`, `actuator`, `latency_budget_s` (JSON), `started_at`
-  (UTC), `started_s` (CLOCK_MONOTONIC, as every time in a recording), `samples_lost` (overwritten before they were
-  read), and `complete`: 1 when the recorder has ended in good order, 0 while it records and after its crash or a full
-  disk; `why_incomplete` says which, and is empty where nothing is missing.
+  (UTC), `started_s` (CLOCK_MONOTONIC, as every time in a recording), `wall_offset_s` and `lsl_offset_s` (what to add
+  to such a time for seconds of UTC since 1970, and for LSL's clock; NaN without LSL), `samples_lost` (overwritten
+  before they were read), and `complete`: 1 when the recorder has ended in good order, 0 while it records and after its
+  crash or a full disk; `why_incomplete` says which, and is empty where nothing is missing.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import datetime
 import json
+import math
 import os
 import shutil
 import time
@@ -29,6 +30,7 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.processes.shared_memory import Taken
 from haptic_driver.recording.checked_file import CheckedFile
+from haptic_driver.recording.clock import ClockOffsets, clock_offsets
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.read import EVENT_FIELDS, FIELDS, FORMAT, FORMAT_VERSION, run_names
 
@@ -54,13 +56,15 @@ class RunHeader:
     config: dict[str, Any]
     started_s: float = field(default_factory=time.monotonic)
     started_at: str = field(default_factory=lambda: datetime.datetime.now(datetime.UTC).isoformat())
+    clock: ClockOffsets = field(default_factory=clock_offsets)
 
     def attributes(self) -> dict[str, str | float | NDArray[np.bytes_]]:
         """Strings and floats."""
-        said = {name: value for name, value in vars(self).items() if name != "config"}
+        said = {name: value for name, value in vars(self).items() if name not in ("config", "clock")}
         found = {name: json.dumps(value) if isinstance(value, dict) else value for name, value in said.items()}
+        offsets_s = {name: math.nan if s is None else s for name, s in self.clock}
         said_last = {"samples_lost": 0.0, "complete": 0.0, "why_incomplete": _of_fixed_length(NOT_ENDED)}
-        return found | {"simulated": float(self.simulated)} | said_last
+        return found | offsets_s | {"simulated": float(self.simulated)} | said_last
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,9 @@ from haptic_driver.render.texture import Texture
 from haptic_driver.render.tick import TickSettings, TickState, tick
 from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.slide import TICK_S, Slide, average
-from haptic_driver.signals import SLIDING_M_S, Array, FingerSample, Mask
+from haptic_driver.signals import SLIDING_M_S, WITHIN, Array, FingerSample, Mask
 from haptic_driver.simulation.rig import SimulatedRig
 from hw.force.sensor import ForceReading
-
-WITHIN = 0.05  # of the target
 
 
 @dataclass(frozen=True)

@@ -171,6 +171,14 @@ def test_record_and_reset(haptic, socket, control, tmp_path, monkeypatch):
     assert done_json(haptic("reset", "--json"))["state"] == "idle"
 
 
+def test_a_marker_goes_to_the_daemon_as_it_was_given(haptic, socket, control):
+    before_s = time.monotonic()
+    marked = done_json(haptic("mark", "trial 7", "--data", '{"level": 0.1, "side": ["left"]}', "--json"))
+    assert before_s <= marked["time_s"] <= time.monotonic()
+    assert f"marker {marked['number'] + 1}" in haptic("mark", "again").out
+    assert control.calls == [("mark", "trial 7", {"level": 0.1, "side": ["left"]}), ("mark", "again", {})]
+
+
 def test_arm_holds_the_lease_for_a_time(haptic, socket, control):
     held = done_json(haptic("arm", "--for", "0.3", "--json"))
     assert (held["state"], held["lease_s"]) == ("armed", 0.5)

@@ -14,10 +14,12 @@ COMMANDS = [
     *([name] for name in (
         "predict", "solve", "demo", "measure", "diagnose", "calibrate", "study", "sensitivity", "explore", "reproduce",
         "calibrate-touch", "simulate", "doctor", "arm", "set", "off", "disarm", "use", "reset", "status", "watch",
-        "record", "export",
+        "record", "mark", "export",
     )),
     ["surface", "build"], ["surface", "info"], ["surface", "plot"],
     ["texture", "list"], ["texture", "preview"], ["texture", "check"], ["texture", "play"], ["daemon", "run"],
+    ["experiment", "run"], ["experiment", "simulate"], ["experiment", "analyse"],
+    ["experiment", "check"],
 ]  # fmt: skip
 
 

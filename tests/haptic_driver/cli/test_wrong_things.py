@@ -58,6 +58,12 @@ WRONG = [
     (["set", "much"], 2, "usage", "not 'much'", "haptic set --help"),
     (["set", "0.6; rm x"], 2, "usage", "not '0.6; rm x'", "haptic set --help"),
     (["daemon", "run", "--port", "http"], 2, "usage", "not 'http'", "haptic daemon run --help"),
+    (["experiment", "run", "friction_diference", "--participant", "P1"], 2, "unknown_experiment", "friction_diference",
+     "friction_difference"),
+    (["experiment", "run", "friction_difference", "--participant", "P 1"], 2, "bad_name", "letters and digits", "P01"),
+    (["experiment", "analyse", "folder"], 2, "no_results", "holds no session", "haptic experiment run"),
+    (["mark", "trial", "--data", "[1]"], 2, "bad_json", "no JSON object", "Give an object"),
+    (["mark", "trial", "--data", "{level}"], 2, "bad_json", "is not JSON", "Give an object"),
     (["record", "run.h5", "--stop"], 2, "usage", "either a file or --stop", "haptic record --help"),
     # numbers
     (["solve", "--friction", "0,6"], 2, "usage", "'--friction': Input should be a valid number", "haptic solve"),

@@ -12,12 +12,13 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from haptic_driver.daemon.messages import DaemonState, RefusedError, Status, Tile, Timing
+from haptic_driver.daemon.messages import DaemonState, Marked, RefusedError, Status, Tile, Timing
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.state_machine import StateMachine
 from haptic_driver.daemon.web.server import serve
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.samples import SAMPLE
+from haptic_driver.recording.clock import clock_offsets
 from haptic_driver.recording.event import Event
 
 
@@ -49,8 +50,9 @@ class BenchControl:
         self._lock = threading.RLock()
         self._tell("state", "idle")
 
-    def _tell(self, kind, message):
-        self.told.append(Event(number=len(self.told) + 1, time_s=time.monotonic(), kind=kind, message=message))
+    def _tell(self, kind, message, data=None):
+        number, now_s = len(self.told) + 1, time.monotonic()
+        self.told.append(Event(number=number, time_s=now_s, kind=kind, message=message, data=data or {}))
 
     def _expire(self):
         if self.machine.armed and time.monotonic() > self.machine.lease_until_s:
@@ -168,6 +170,11 @@ class BenchControl:
         self._change("record", path)
         self.recording = path
         return self.status()
+
+    def mark(self, label, data):
+        self._change("mark", label, dict(data))
+        self._tell("marker", label, dict(data))
+        return Marked(number=len(self.told), time_s=self.told[-1].time_s, **dict(clock_offsets()))
 
     def textures(self):
         return ["grating", "linen"]

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import io
 import json
 import signal
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 
 import httpx
 import pytest
 
+from haptic_driver.cli.main import main
 from haptic_driver.client import HapticClient
 from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.experiments.psychophysics.data import sessions
+from haptic_driver.recording.read import read_run
+from tests.haptic_driver.commands import one_object
 from tests.waiting import HANG_S, until
 
 SCRIPT = Path(sys.executable).with_name("haptic")
@@ -63,6 +69,63 @@ def test_a_friction_is_rendered_and_switched_off(client):
     assert (ticks["tick"][1:] > ticks["tick"][:-1]).all()
     assert client.textures()
     assert next(client.watch()).ticks.count > 0
+
+
+EXPERIMENT = """
+name = "short"
+[trial]
+intervals = 1
+duration_s = 0.5
+[delivery]
+settle_s = 0.15
+least_sliding_s = 0.1
+least_share = 0.5
+retries = 100
+[method]
+kind = "constant"
+levels = [0.1]
+repeats = 3
+[[condition]]
+name = "a"
+cof = 0.55
+"""
+
+
+def test_an_experiment_runs_stops_goes_on_and_says_what_was_felt(announced, client, tmp_path, monkeypatch, capsys):
+    """Once in a pipe that ends after an answer; then by the simulated participant, recorded."""
+    monkeypatch.setenv("HAPTIC_SOCKET", announced["socket"])
+    (tmp_path / "short.toml").write_text(EXPERIMENT)
+    run = ["experiment", "run", str(tmp_path / "short.toml"), "--participant", "P1", "--out", str(tmp_path / "out")]
+    monkeypatch.setattr(sys, "stdin", io.StringIO("go\nx\n2\n"))
+    assert main([*run, "--json"]) == 2
+    assert one_object(capsys.readouterr().out)["error"]["code"] == "no_answers"
+    assert client.status().output_on is False
+    (files,) = sessions(tmp_path / "out")
+    assert [row.response for row in files.rows()] == ["no"]
+
+    assert main([*run, "--simulated", "--record", "--json"]) == 0
+    assert one_object(capsys.readouterr().out)["done"] is True
+    rows = files.rows()
+    delivered = [row for row in rows if row.delivered]
+    assert [row.level for row in delivered] == 3 * [0.1]
+    for row in delivered:
+        felt = row.comparison
+        assert felt.asked_cof == pytest.approx(0.605)
+        assert felt.felt_cof == pytest.approx(0.605, rel=0.1)
+        assert felt.sliding_s >= 0.1
+        assert 0.2 < felt.normal_force_n < 0.8
+    (recording,) = files.beh.glob("*.h5")
+    markers = [event for event in read_run(recording).events if event.kind == "marker"]
+    begun = [(event.data["trial"], event.time_s) for event in markers if event.message == "trial begins"]
+    assert begun == [(row.trial, pytest.approx(row.time_s, abs=1e-5)) for row in rows[1:]]
+    sidecar = files.described()
+    assert (sidecar["Rig"]["simulated"], sidecar["Rig"]["model"]) == (True, "reference")
+    assert sidecar["ClockOffsets"]["wall_offset_s"] == pytest.approx(time.time() - time.monotonic(), abs=5.0)
+
+    assert main(["experiment", "analyse", str(tmp_path / "out"), "--json"]) == 0
+    (result,) = one_object(capsys.readouterr().out)["results"]
+    assert (result["trials"], result["left_out"]) == (3, len(rows) - 3)
+    assert "too few" in result["why_none"]
 
 
 def test_a_lost_client_ends_idle_and_off(client):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import resource
@@ -172,6 +173,22 @@ def test_running_out_of_file_descriptors_is_survived(daemon):
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
     until(lambda: not daemon.supervisor.missing)
     assert daemon.reset().state is DaemonState.IDLE
+
+
+def test_a_marker_stands_in_the_recording_with_the_way_to_wall_time(daemon, tmp_path):
+    daemon.record(str(tmp_path / "run.h5"))
+    before_s = time.time()
+    marked = daemon.mark("trial 7", {"level": 0.1, "order": [1, 2]})
+    after_s = time.time()
+    daemon.record(None)
+    run = read_run(tmp_path / "run.h5")
+    (marker,) = [event for event in run.events if event.kind == "marker"]
+    assert (marker.message, marker.data) == ("trial 7", {"level": 0.1, "order": [1, 2]})
+    assert (marker.number, marker.time_s) == (marked.number, marked.time_s)
+    slack_s = 1e-3  # the offset is measured some microseconds before, and clocks are steered
+    for offset_s in (marked.wall_offset_s, run.attributes["wall_offset_s"]):
+        assert before_s - slack_s <= marker.time_s + offset_s <= after_s + slack_s
+    assert math.isnan(run.attributes["lsl_offset_s"]) == (marked.lsl_offset_s is None) == ("pylsl" not in sys.modules)
 
 
 def test_a_run_that_is_recorded_keeps_its_model(daemon, tmp_path):

@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 
+from haptic_driver.daemon.inlets import LslMarkers
 from haptic_driver.daemon.outlets import LslOutlet, OscOutlet, feeding
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.recording.event import Event
@@ -81,6 +82,7 @@ import sys, time
 import numpy as np
 import pylsl
 from haptic_driver.daemon.outlets import LslOutlet
+from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.event import Event
 
 outlet = LslOutlet(1000.0, "test")
@@ -105,12 +107,35 @@ assert '"begin"' in marker[0]
 """
 
 
-def test_lsl_streams_are_received_by_lsl(tmp_path, monkeypatch):
+LSL_MARKERS_DIALOGUE = """
+import time
+import pylsl
+from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.inlets import LslMarkers, hearing
+
+info = pylsl.StreamInfo("paradigm", "Markers", 1, 0.0, "string", "made")
+outlet, events, failed = pylsl.StreamOutlet(info), EventLog(), []
+with hearing(LslMarkers("paradigm"), events.add, failed.append):
+    assert outlet.wait_for_consumers(60.0)
+    sent_s = time.monotonic() - 3.0
+    outlet.push_sample(["trial 7"], sent_s + pylsl.local_clock() - time.monotonic())
+    until_s = time.monotonic() + 60.0
+    while not events.since(0) and not failed and time.monotonic() < until_s:
+        time.sleep(0.01)
+(event,) = events.since(0)
+assert (event.kind, event.message, event.data) == ("marker", "trial 7", {"stream": "paradigm"}), event
+assert abs(event.time_s - sent_s) < 0.01, (event, sent_s)
+assert not failed, failed
+"""
+
+
+@pytest.mark.parametrize("dialogue", [LSL_DIALOGUE, LSL_MARKERS_DIALOGUE], ids=["out", "in"])
+def test_streams_of_lsl_go_out_and_come_in(dialogue, tmp_path, monkeypatch):
     pytest.importorskip("pylsl", reason="pylsl is not installed")
     (tmp_path / "lsl.cfg").write_text(LSL_ON_LOOPBACK)
     monkeypatch.setenv("LSLAPICFG", str(tmp_path / "lsl.cfg"))
     done = subprocess.run(
-        [sys.executable, "-c", LSL_DIALOGUE], capture_output=True, text=True, timeout=2 * HANG_S, check=False
+        [sys.executable, "-c", dialogue], capture_output=True, text=True, timeout=2 * HANG_S, check=False
     )
     assert done.returncode == 0, done.stderr
 
@@ -119,6 +144,7 @@ def test_lsl_streams_are_received_by_lsl(tmp_path, monkeypatch):
     ("module", "extra", "make"),
     [
         ("pylsl", "lsl", lambda: LslOutlet(1000.0, "test")),
+        ("pylsl", "lsl", lambda: LslMarkers("paradigm")),
         ("pythonosc.udp_client", "osc", lambda: OscOutlet("127.0.0.1:9")),
     ],
 )

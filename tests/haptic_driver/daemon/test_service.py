@@ -102,6 +102,6 @@ def test_a_port_that_is_taken_is_told_before_anything_is_started(tmp_path, monke
     for name in ("signal", "take_precedence"):
         monkeypatch.setattr(run, name, MagicMock())
     with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(HapticError, match="port") as refused:
-        run.run_daemon("simulated", tmp_path / "d.sock", "reference", False, taken.getsockname()[1], False, None, print)
+        run.run_daemon("simulated", tmp_path / "d.sock", "reference", False, taken.getsockname()[1], run.Links(), print)
     assert refused.value.code == "no_port"
     assert not (tmp_path / "d.sock").exists()

@@ -18,6 +18,7 @@ import pytest
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.processes.shared_memory import RING_SAMPLES
+from haptic_driver.recording.clock import ClockOffsets
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.process import Recorder
 from haptic_driver.recording.read import read_run, run_names
@@ -36,6 +37,7 @@ def header():
         calibration_ids={"force_sensor": "FT12345 2024-03-01"}, software_version="0.1.0",
         actuator="setpoints over SCPI", latency_budget_s={"sensor": 0.004, "total": 0.01}, config=CONFIG,
         started_s=1234.5, started_at="2024-05-06T07:08:09+00:00",
+        clock=ClockOffsets(wall_offset_s=1.7e9, lsl_offset_s=0.25),
     )  # fmt: skip
 
 
@@ -85,7 +87,7 @@ def test_every_field_and_event_comes_back(tmp_path, header, samples):
             "calibration_ids": '{"force_sensor": "FT12345 2024-03-01"}', "software_version": "0.1.0",
             "actuator": "setpoints over SCPI", "latency_budget_s": '{"sensor": 0.004, "total": 0.01}',
             "started_s": 1234.5, "started_at": "2024-05-06T07:08:09+00:00", "samples_lost": 7.0, "complete": 1.0,
-            "why_incomplete": b"",
+            "why_incomplete": b"", "wall_offset_s": 1.7e9, "lsl_offset_s": 0.25,
         }  # fmt: skip
     read = read_run(path)
     assert read.samples.tobytes() == samples.tobytes()
@@ -101,7 +103,7 @@ def test_no_attribute_is_an_integer(tmp_path, header, samples):
     with h5py.File(tmp_path / "run.h5", "r") as file:
         attributes |= dict(file.attrs)
         file.visititems(lambda name, item: attributes.update({f"{name}.{k}": v for k, v in item.attrs.items()}))
-    assert len(attributes) == 15
+    assert len(attributes) == 17
     assert {type(value) for value in attributes.values()} == {str, np.bytes_, np.float64}
 
 

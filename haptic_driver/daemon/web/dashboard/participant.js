@@ -1,0 +1,64 @@
+// The participant's page: shows what the experiment asks by markers, and answers by markers; see docs/experiments.md.
+
+import { ask, Stream } from "./connection.js";
+
+const at = (id) => document.getElementById(id);
+let question = null; // the one that waits for an answer: { number, answers }
+let newest = 0;
+
+function show(text, answers = []) {
+  at("text").textContent = text;
+  at("answers").replaceChildren(...answers.map((answer, i) => {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = answer;
+    button.setAttribute("aria-keyshortcuts", String(i + 1));
+    button.onclick = () => choose(answer);
+    return button;
+  }));
+}
+
+async function choose(answer) {
+  if (!question) return;
+  const { number } = question;
+  question = null; // one answer, however often somebody presses
+  show("…");
+  try {
+    await ask("POST", "/mark", { label: "answer", data: { question: number, answer } });
+  } catch (refusal) {
+    show(refusal.message);
+  }
+}
+
+const HEARD = {
+  "trial begins": () => { question = null; at("told").textContent = ""; show("Slide your finger on the screen."); },
+  "trial ends": () => { question = null; },
+  question: ({ number, data }) => { question = { number }; show(data.text, data.answers); },
+  answer: ({ data }) => { if (question && data.question === question.number) { question = null; show("…"); } },
+  told: ({ data }) => { at("told").textContent = data.text; },
+  "session ends": () => { question = null; show("This is the end. Thank you."); },
+};
+
+function hear(event) {
+  if (event.number <= newest) return; // told again after the connection was lost
+  newest = event.number;
+  if (event.kind === "marker") HEARD[event.message]?.(event);
+}
+
+addEventListener("keydown", ({ key, repeat }) => {
+  if (!repeat) at("answers").children[Number(key) - 1]?.click();
+});
+at("stop").onclick = async () => {
+  question = null;
+  try {
+    const { output_on } = await ask("POST", "/disarm");
+    show(output_on === false ? "Stopped. The screen is off." : "Take your finger off the screen and call for help.");
+  } catch {
+    show("Take your finger off the screen and call for help.");
+  }
+};
+
+new Stream("/events", {
+  message: hear,
+  lost: () => { newest = 0; question = null; show("Please wait: the experiment is not connected."); },
+});

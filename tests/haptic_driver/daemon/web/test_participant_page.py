@@ -1,0 +1,82 @@
+"""The participant's page in a real browser: an experiment's questions are shown, and answered once."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from haptic_driver.client import HapticClient
+from haptic_driver.experiments.psychophysics.answers import MarkerParticipant
+from haptic_driver.experiments.psychophysics.run import Question
+from haptic_driver.experiments.psychophysics.schedule import Trial
+from tests.haptic_driver.daemon.web import test_dashboard as dashboard
+from tests.haptic_driver.daemon.web.served_page import HANG_MS, expect
+
+control, served = dashboard.control, dashboard.served
+QUESTION = Question(1, "Which one had more friction?", ("first", "second"), Trial(1, 1, "a", 0.1, 0, False, False), 0.1)
+
+
+@pytest.fixture
+def client(served, tmp_path):
+    with HapticClient(tmp_path / "daemon.sock") as client:
+        yield client
+
+
+@pytest.fixture
+def page(browser, served):
+    context = browser.new_context(viewport={"width": 390, "height": 844})
+    page = context.new_page()
+    page.set_default_timeout(HANG_MS)
+    page.goto(served.url.replace("/page/", "/page/participant.html"))
+    yield page
+    context.close()
+
+
+def answering(work):
+    found = []
+    thread = threading.Thread(target=lambda: found.append(work()))
+    thread.start()
+    return thread, found
+
+
+def answers(client):
+    return [event.data for event in client.events() if event.message == "answer"]
+
+
+def test_a_participant_reads_feels_and_answers_with_large_buttons_or_keys(page, client):
+    participant = MarkerParticipant(client)
+    thread, _ = answering(lambda: participant.wait("Slide to and fro."))
+    expect(page.locator("#text")).to_have_text("Slide to and fro.")
+    page.click("#answers button")
+    thread.join()
+
+    client.mark("trial begins", {"trial": 1})
+    expect(page.locator("#text")).to_have_text("Slide your finger on the screen.")
+    expect(page.locator("#answers button")).to_have_count(0)
+    thread, found = answering(lambda: participant.ask(QUESTION))
+    expect(page.locator("#text")).to_have_text("Which one had more friction?")
+    boxes = [button.bounding_box() for button in page.locator("#answers button").all()]
+    assert [button.text_content() for button in page.locator("#answers button").all()] == ["first", "second"]
+    for box in boxes:
+        assert box["width"] >= 120
+        assert box["height"] >= 150
+        assert box["x"] + box["width"] <= 390
+    page.keyboard.press("2")
+    page.keyboard.press("1")
+    thread.join()
+    assert found == [1]
+    assert [data["answer"] for data in answers(client)] == ["go on", "second"]
+    participant.tell("Right.")
+    expect(page.locator("#told")).to_have_text("Right.")
+
+
+def test_stop_takes_the_output_away_and_says_so(page, client, control):
+    lease = client.arm(60.0)
+    client.set(lease.token, 0.6)
+    page.click("#stop")
+    expect(page.locator("#text")).to_have_text("Stopped. The screen is off.")
+    assert client.status().output_on is False
+    control.shown_off = False
+    page.click("#stop")
+    expect(page.locator("#text")).to_contain_text("Take your finger off the screen")
