@@ -52,10 +52,10 @@ def diagnose(
     the data earn it. Where more data would tell more, `DIR/next_plan.toml` is a plan for `haptic measure`; what it
     measures goes in with `--also`.
 
-    Without data, `--plan P --rig R` says beforehand which effects that plan could tell apart on that rig: as it is,
-    with the electrode's current as far as a card reads it, and with a full sweep.
+    Without data, `haptic diagnose --plan full --rig R` says beforehand which effects that plan could tell apart on
+    that rig: as it is, with the electrode's current as far as a card reads it, and with a full sweep.
 
-    Examples: `haptic diagnose data.csv --model reference --out diagnosis`, `haptic diagnose --plan full --out plan`
+    Example: `haptic diagnose data.csv --model reference --out diagnosis`
     """
     if (data is None) == (plan is None):
         raise BadInputError(
