@@ -1,4 +1,4 @@
-"""`haptic texture`: list, look at, check and play textures."""
+"""`haptic texture`: list, look at, check, import and play textures."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 from typer import Argument, Option
 
-from haptic_driver.cli import control
+from haptic_driver.cli import control, texture_import
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, ModelOption, RigOption, compiling, named, report, stdout
 from haptic_driver.config import texture_dirs
@@ -19,7 +19,8 @@ from haptic_driver.pictures import textures as pictures
 from haptic_driver.textures.library import load, texture_names
 from haptic_driver.textures.reach import WEBER, Demand, demand
 
-app = typer.Typer(no_args_is_help=True, help="List, draw, check and play textures.")
+app = typer.Typer(no_args_is_help=True, help="List, draw, check, import and play textures.")
+app.command("import")(texture_import.import_texture)
 Name = Annotated[str, named("textures", "Texture", Argument)]
 
 

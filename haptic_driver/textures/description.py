@@ -49,7 +49,8 @@ class UniformDescription(_Description):
     cof: Cof
 
 
-def _require_swing(mean_cof: float, amplitude_cof: float) -> None:
+def require_swing(mean_cof: float, amplitude_cof: float) -> None:
+    """ValueError where friction would leave what a texture may say."""
     low, high = mean_cof - amplitude_cof, mean_cof + amplitude_cof
     if low < TEXTURE_COF[0] or high > TEXTURE_COF[1]:
         lowest, highest = TEXTURE_COF
@@ -73,7 +74,7 @@ class GratingDescription(_Description):
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
-        _require_swing(self.mean_cof, self.amplitude_cof)
+        require_swing(self.mean_cof, self.amplitude_cof)
         if self.wave == "sine" and self.duty is not None:
             raise ValueError('key \'duty\' belongs to wave = "square" or "sawtooth", not to a sine')
         shorter_mm = self.period_mm * min(self.share(), 1.0 - self.share())
@@ -106,7 +107,7 @@ class NoiseDescription(_Description):
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
-        _require_swing(self.mean_cof, self.amplitude_cof)
+        require_swing(self.mean_cof, self.amplitude_cof)
         if not self.shortest_mm < self.longest_mm <= self.tile_mm / 2.0:
             raise ValueError(
                 f"shortest_mm {self.shortest_mm:g}, longest_mm {self.longest_mm:g} and half of tile_mm "
