@@ -43,6 +43,7 @@ UNITS = {
     "_per_n": "1/N",
     "_current_a_rms": "Hz, A",
     "_m_s2": "m/s²",
+    "_mm_s": "mm/s",
     "_m_s": "m/s",
     "_ohm": "Ω",
     "_deg": "°",

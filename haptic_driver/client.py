@@ -54,10 +54,11 @@ class LeaseLostError(RefusedError):
 
 
 class HapticClient:
-    """One daemon, by its socket; NoDaemonError when nobody listens there. Methods may be called from several threads.
+    """One daemon, by its socket (else that of `HAPTIC_SOCKET`, else the usual one); NoDaemonError when nobody listens.
 
-    Every method raises what the daemon refuses: BadInputError for what cannot be used, RefusedError for what cannot be
-    done in its present state, NoDaemonError when it does not answer, HapticError for a fault.
+    Methods may be called from several threads. Every method raises what the daemon refuses: BadInputError for what
+    cannot be used, RefusedError for what cannot be done in its present state, NoDaemonError when it does not answer,
+    HapticError for a fault.
     """
 
     def __init__(self, socket: Path | None = None) -> None:

@@ -127,7 +127,7 @@ def check(
     from haptic_driver.experiments.psychophysics.design import reached  # noqa: PLC0415
 
     experiment = load_experiment(file)
-    low, high = reachable_by(rig, model, None, normal_force)
+    low, high = reachable_by(load_rig(rig), model, None, normal_force)
     found = [reached(experiment, condition, (low, high)) for condition in experiment.file.condition]
 
     def show() -> None:

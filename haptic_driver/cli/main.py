@@ -31,7 +31,7 @@ COMMANDS = {
     "surface": "Build, describe and draw the lookup surface.",
     "solve": "Find the frequency and voltage that give a target friction within the rig's limits.",
     "demo": "Slide a finger over a texture on a simulated rig and compare friction with its target.",
-    "texture": "List, draw, check and play textures.",
+    "texture": "List, draw, check, import and play textures.",
     "daemon": "Run the daemon.",
     "arm": "Arm, and hold the lease until Ctrl-C or `haptic disarm`; whatever ends this leaves the output off.",
     "set": "Ask for one friction everywhere; somebody must have armed.",

@@ -1,25 +1,34 @@
-"""`haptic texture`: list, look at, check and play textures."""
+"""`haptic texture`: list, look at, check, import and play textures."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 from rich.text import Text
 from typer import Argument, Option
 
-from haptic_driver.cli import control
+from haptic_driver.cli import control, texture_import
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, ModelOption, RigOption, compiling, named, report, stdout
 from haptic_driver.config import texture_dirs
 from haptic_driver.errors import BadInputError, require_range
 from haptic_driver.pictures import textures as pictures
+from haptic_driver.render.texture import Texture
+from haptic_driver.signals import COURSE_POINTS
+from haptic_driver.textures.bands import Band, Output, asked, predicted
 from haptic_driver.textures.library import load, texture_names
-from haptic_driver.textures.reach import WEBER, Demand, demand
+from haptic_driver.textures.reach import SCREEN_M, WEBER, Demand, demand
 
-app = typer.Typer(no_args_is_help=True, help="List, draw, check and play textures.")
+if TYPE_CHECKING:
+    from haptic_driver.rig.config import RigConfig
+
+app = typer.Typer(no_args_is_help=True, help="List, draw, check, import and play textures.")
+app.command("import")(texture_import.import_texture)
+SPEED_M_S = (0.002, 1.0)
 Name = Annotated[str, named("textures", "Texture", Argument)]
 
 
@@ -64,23 +73,41 @@ def check(
     model: ModelOption = "reference",
     surface: Annotated[Path | None, Option(help="Surface file instead of a model.")] = None,
     rig: RigOption = "simulated",
+    speed: Annotated[float, Option(help="Speed of the finger, m/s.")] = 0.05,
     as_json: Json = False,
 ) -> None:
-    """Say what a texture asks for and which share of it is out of reach under a load; flags are no failure.
+    """Say what a texture asks for and what of it is out of reach: under a load, and at a speed; flags are no failure.
 
-    Example: `haptic texture check linen --normal-force 0.5`
+    Nine bands of frequency say what the rig's output and a usual finger let through at that speed.
+
+    Example: `haptic texture check linen --normal-force 0.5 --speed 0.05`
     """
+    from haptic_driver.rig.config import load_rig  # noqa: PLC0415  (slow to import)
+
+    require_range("speed", speed, *SPEED_M_S, unit=" m/s")
     loaded = load(name, texture_dirs())
-    reachable = reachable_by(rig, model, surface, normal_force)
+    config = load_rig(rig)
+    reachable = reachable_by(config, model, surface, normal_force)
     found = demand(loaded.target, reachable)
+    bands = []
+    if isinstance(loaded.target, Texture):
+        bands = predicted(*asked(loaded.target, speed, SCREEN_M), reachable, _output(config), speed)
     payload = {
         "name": name,
         "kind": loaded.kind,
         "normal_force_n": normal_force,
         "reachable_cof": list(reachable),
         **found._asdict(),
+        "speed_m_s": speed,
+        "bands": [band._asdict() for band in bands],
     }
-    report(as_json, payload, lambda: _show(name, loaded.kind, found, reachable, normal_force))
+
+    def show() -> None:
+        _show(name, loaded.kind, found, reachable, normal_force)
+        if bands:
+            _show_bands(bands, speed)
+
+    report(as_json, payload, show)
 
 
 @app.command()
@@ -109,16 +136,24 @@ def _entry(name: str) -> dict[str, Any]:
     }
 
 
-def reachable_by(rig: str, model: str, surface: Path | None, normal_force_n: float) -> tuple[float, float]:
+def _output(config: RigConfig) -> Output:
+    """How the rig brings out friction: points of an envelope, or set points."""
+    from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput  # noqa: PLC0415
+    from haptic_driver.rig.slide import TICK_S  # noqa: PLC0415
+
+    if isinstance(config.analog_output, NoAnalogOutput):
+        return Output(config.output.setpoint_interval_s, straight=False)
+    return Output(TICK_S / COURSE_POINTS, straight=True)
+
+
+def reachable_by(config: RigConfig, model: str, surface: Path | None, normal_force_n: float) -> tuple[float, float]:
     """The lowest and the highest friction under a load, by a model or a surface's file within a rig's limits."""
     # Slow to import, and no other command of this group needs them.
     from haptic_driver.render.controller import Controller, ControllerSettings  # noqa: PLC0415
-    from haptic_driver.rig.config import load_rig  # noqa: PLC0415
     from haptic_driver.surface.build import build_surface  # noqa: PLC0415
     from haptic_driver.surface.file import read_surface, ready_for_lookup  # noqa: PLC0415
     from haptic_driver.surface.models import load_model  # noqa: PLC0415
 
-    config = load_rig(rig)
     limits = config.operating_limits()
     with compiling():
         file = read_surface(surface) if surface is not None else build_surface(load_model(model), limits)
@@ -137,3 +172,12 @@ def _show(name: str, kind: str, found: Demand, reachable: tuple[float, float], n
     stdout.print(f"  nothing asked for on {found.share_nothing:.1%} of the screen")
     for flag in found.flags:
         stdout.print(Text(f"  {flag}", "bold yellow"))
+
+
+def _show_bands(bands: Sequence[Band], speed_m_s: float) -> None:
+    table = Table("Hz", "asked, rms", "output", "finger", "", title=f"at {speed_m_s:g} m/s", title_justify="left")
+    for band in bands:
+        verdict = band.verdict.replace("_", " ")
+        gains = (f"{band.output_gain:.0%}", f"{band.finger_gain:.0%}")
+        table.add_row(f"{band.low_hz:.3g} to {band.high_hz:.3g}", f"{band.asked_cof_rms:.4f}", *gains, verdict)
+    stdout.print(table)

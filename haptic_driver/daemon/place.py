@@ -16,7 +16,9 @@ SOCKET_NAME = "daemon.sock"
 
 
 def default_socket() -> Path:
-    """Where the daemon listens when nobody says otherwise: in a private folder of this user."""
+    """Where the daemon listens: as `HAPTIC_SOCKET` says, else in a private folder of this user."""
+    if named := os.environ.get("HAPTIC_SOCKET"):
+        return Path(named)
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     folder = Path(runtime) / "haptic" if runtime else Path(tempfile.gettempdir()) / f"haptic-{os.getuid()}"
     return folder / SOCKET_NAME

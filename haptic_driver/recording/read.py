@@ -28,6 +28,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_driver import labelled
 from haptic_driver.errors import BadInputError, optional
 from haptic_driver.files import exists_already, replacing
 from haptic_driver.processes.samples import SAMPLE
@@ -52,6 +53,15 @@ class Run:
     config: dict[str, Any]
     samples: NDArray[np.void]
     events: list[Event]
+
+    def to_frame(self) -> Any:
+        """A pandas DataFrame, one row per tick; HapticError where pandas is not installed."""
+        return labelled.frame({name: self.samples[name] for name in FIELDS}, self.attributes)
+
+    def to_xarray(self) -> Any:
+        """An xarray Dataset over `time_s`; HapticError where xarray is not installed."""
+        values = {name: self.samples[name] for name in FIELDS if name != "time_s"}
+        return labelled.dataset({"time_s": self.samples["time_s"]}, values, self.attributes)
 
 
 def run_names(path: Path) -> list[str]:

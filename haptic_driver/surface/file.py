@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_driver import labelled
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import replacing
 from haptic_driver.limits import OperatingLimits
@@ -78,6 +79,18 @@ class SurfaceFile:
         digest.update(json.dumps(self.provenance["model"], sort_keys=True).encode())
         return digest.hexdigest()
 
+    def to_xarray(self) -> Any:
+        """An xarray Dataset over frequency, voltage and load, masks too; HapticError where xarray is not installed."""
+        ends = {} if self.cof_interval is None else self.cof_interval._asdict()
+        values = {name: getattr(self, name) for name in _REQUIRED if name not in _AXES}
+        values |= {f"{COF}{name}": end for name, end in ends.items()}
+        about = {"content_hash": self.content_hash, "model": self.provenance["model"]["name"]}
+        return labelled.dataset({name: getattr(self, name) for name in _AXES}, values, about)
+
+    def to_frame(self) -> Any:
+        """A pandas DataFrame, one row per point of the grid; HapticError where pandas or xarray is not installed."""
+        return self.to_xarray().to_dataframe().reset_index()
+
     def _datasets(self) -> dict[str, NDArray[Any]]:
         own = {name: getattr(self, name) for name in _REQUIRED}
         more = {} if self.correction is None else self.correction._asdict()
@@ -97,6 +110,7 @@ class SurfaceFile:
                 file.create_dataset(name, data=values.astype(np.uint8) if values.dtype == bool else values)
 
 
+_AXES = ("frequency_hz", "voltage_v", "normal_force_n")
 _REQUIRED = [f.name for f in fields(SurfaceFile) if f.name not in ("provenance", "correction", "cof_interval")]
 
 

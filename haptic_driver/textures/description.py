@@ -12,13 +12,16 @@ from haptic_driver import config
 from haptic_driver.config import Checked
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import Interpolation, Outside
+from haptic_driver.textures.bands import BANDS, EDGES_HZ
 
 TEXTURE_COF = (0.01, 5.0)  # what a file may say; the upper end is beyond any finger's
 # The finest detail that reaches a finger: its distance per tick of 1 ms at 100 mm/s. The friction of skin itself
 # follows to 13.8 Hz per mm/s (arXiv 2505.11162), that is to 0.07 mm.
 FINEST_MM = 0.1
 SHORTEST_PERIOD_MM = 2.0 * FINEST_MM
+LEAST_WAVES = 4  # of the lowest frequency in a spectrum's tile: so many that each band has one
 SAMPLES_PER_WAVE = 12  # straight lines between them miss a crest by 1 - cos(pi/12), 3.4 %
+FINEST_WAVE_MM = 0.05  # of a spectrum, which an analog envelope brings out between the ticks
 LARGEST_NOISE_PIXELS = 1400  # along one side: two million, the most that render takes
 LONGEST_TABLE_ROWS = 25_000  # of a profile or a script
 
@@ -29,6 +32,8 @@ PeriodMm = Annotated[float, Field(ge=SHORTEST_PERIOD_MM, le=10_000.0, allow_inf_
 AmplitudeCof = Annotated[float, Field(ge=0.0, le=TEXTURE_COF[1], allow_inf_nan=False)]
 OriginMm = Annotated[list[OffsetMm], Field(min_length=2, max_length=2)]
 Seconds = Annotated[float, Field(ge=0.0, le=86_400.0, allow_inf_nan=False)]
+Shape = Annotated[float, Field(ge=0.1, le=100.0, allow_inf_nan=False)]
+Coefficient = Annotated[float, Field(ge=-1e3, le=1e3, allow_inf_nan=False)]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
 
 
@@ -49,7 +54,8 @@ class UniformDescription(_Description):
     cof: Cof
 
 
-def _require_swing(mean_cof: float, amplitude_cof: float) -> None:
+def require_swing(mean_cof: float, amplitude_cof: float) -> None:
+    """ValueError where friction would leave what a texture may say."""
     low, high = mean_cof - amplitude_cof, mean_cof + amplitude_cof
     if low < TEXTURE_COF[0] or high > TEXTURE_COF[1]:
         lowest, highest = TEXTURE_COF
@@ -73,7 +79,7 @@ class GratingDescription(_Description):
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
-        _require_swing(self.mean_cof, self.amplitude_cof)
+        require_swing(self.mean_cof, self.amplitude_cof)
         if self.wave == "sine" and self.duty is not None:
             raise ValueError('key \'duty\' belongs to wave = "square" or "sawtooth", not to a sine')
         shorter_mm = self.period_mm * min(self.share(), 1.0 - self.share())
@@ -106,7 +112,7 @@ class NoiseDescription(_Description):
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
-        _require_swing(self.mean_cof, self.amplitude_cof)
+        require_swing(self.mean_cof, self.amplitude_cof)
         if not self.shortest_mm < self.longest_mm <= self.tile_mm / 2.0:
             raise ValueError(
                 f"shortest_mm {self.shortest_mm:g}, longest_mm {self.longest_mm:g} and half of tile_mm "
@@ -120,6 +126,52 @@ class NoiseDescription(_Description):
     def pixels(self) -> int:
         """Pixels along each side of the tile."""
         return math.ceil(SAMPLES_PER_WAVE * self.tile_mm / self.shortest_mm)
+
+
+class SpectrumDescription(_Description):
+    """Waves along a direction whose spectrum, for a finger at a speed, is given in the nine bands from 12.5 to 800 Hz.
+
+    In one of three ways: the friction (rms) of each band; the friction of all of them, shared out by a beta
+    distribution over the logarithm of frequency; or that of a process y[n] + ar[0] y[n-1] + ... = noise.
+    `perceptual_gain` multiplies all waves; `invert_finger` each by what a usual finger loses of it.
+    """
+
+    kind: Literal["spectrum"]
+    mean_cof: Cof
+    band_cof_rms: Annotated[list[AmplitudeCof], Field(min_length=BANDS, max_length=BANDS)] | None = None
+    cof_rms: AmplitudeCof | None = None
+    beta: Annotated[list[Shape], Field(min_length=2, max_length=2)] | None = None
+    ar: Annotated[list[Coefficient], Field(min_length=1, max_length=100)] | None = None
+    rate_hz: Annotated[float, Field(ge=100.0, le=100e3, allow_inf_nan=False)] | None = None
+    speed_mm_s: Annotated[float, Field(ge=5.0, le=1000.0, allow_inf_nan=False)] = 50.0
+    perceptual_gain: Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)] = 1.0
+    invert_finger: bool = False
+    tile_mm: PeriodMm = 64.0
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
+    direction_deg: Degrees = 0.0
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> Self:
+        forms = [name for name in ("band_cof_rms", "beta", "ar") if getattr(self, name) is not None]
+        if len(forms) != 1:
+            raise ValueError(f"a spectrum has one of band_cof_rms, beta and ar, not {', '.join(forms) or 'none'}")
+        if (self.cof_rms is None) != (forms == ["band_cof_rms"]):
+            raise ValueError("key 'cof_rms' goes together with beta or ar, and not with band_cof_rms")
+        if (self.rate_hz is None) != (forms != ["ar"]):
+            raise ValueError("key 'rate_hz' goes together with ar, and with nothing else")
+        least_mm = LEAST_WAVES * self.speed_mm_s / float(EDGES_HZ[0])
+        most_mm = (LONGEST_TABLE_ROWS - 1) * self.finest_mm() / SAMPLES_PER_WAVE
+        if not least_mm <= self.tile_mm <= most_mm:
+            raise ValueError(f"key 'tile_mm': {least_mm:.4g} to {most_mm:.4g} for a speed_mm_s of {self.speed_mm_s:g}")
+        return self
+
+    def finest_mm(self) -> float:
+        """The shortest wave."""
+        return max(self.speed_mm_s / float(EDGES_HZ[-1]), FINEST_WAVE_MM)
+
+    def points(self) -> int:
+        """Of the tile."""
+        return math.ceil(SAMPLES_PER_WAVE * self.tile_mm / self.finest_mm())
 
 
 class _Located(_Description):
@@ -209,7 +261,13 @@ class ScriptDescription(_Description):
 
 
 TextureDescription = (
-    UniformDescription | GratingDescription | NoiseDescription | ProfileDescription | MapDescription | HjifDescription
+    UniformDescription
+    | GratingDescription
+    | NoiseDescription
+    | SpectrumDescription
+    | ProfileDescription
+    | MapDescription
+    | HjifDescription
 )
 Description = TextureDescription | ScriptDescription
 

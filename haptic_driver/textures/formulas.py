@@ -46,14 +46,12 @@ def _sawtooth(period_m: float, duty: float) -> tuple[list[float], list[float]]:
 def noise(described: NoiseDescription) -> Array:
     """One tile [rows, columns]: waves of equal height, all those of the band that fit the tile a whole number of times.
 
-    Scaled so that the largest deviation from the mean is the amplitude. Phases come straight from the bits of PCG64,
-    in the order of the wave vectors: the stream that numpy keeps the same in every version (NEP 19).
+    Scaled so that the largest deviation from the mean is the amplitude. Phases are in the order of the wave vectors.
     """
     tile_mm, count = described.tile_mm, described.pixels()
     most = math.floor(tile_mm / described.shortest_mm)
     waves = np.arange(-most, most + 1)
-    bits = np.random.PCG64(described.seed).random_raw(waves.size**2)
-    phases_rad = math.tau * (bits >> np.uint64(64 - PHASE_BITS)) / 2.0**PHASE_BITS
+    phases_rad = random_phases_rad(described.seed, waves.size**2)
     per_tile = np.hypot(waves[:, None], waves[None, :])
     band = (per_tile >= tile_mm / described.longest_mm) & (per_tile <= tile_mm / described.shortest_mm)
     spectrum = np.zeros((count, count), dtype=complex)
@@ -61,6 +59,12 @@ def noise(described: NoiseDescription) -> Array:
     field = np.fft.ifft2(spectrum).real
     scaled: Array = described.mean_cof + described.amplitude_cof * field / np.abs(field).max()
     return scaled
+
+
+def random_phases_rad(seed: int, count: int) -> Array:
+    """Straight from the bits of PCG64: the stream that numpy keeps the same in every version (NEP 19)."""
+    bits = np.random.PCG64(seed).random_raw(count)
+    return np.asarray(math.tau * (bits >> np.uint64(64 - PHASE_BITS)) / 2.0**PHASE_BITS)
 
 
 def averaged(values: Array, pitch_x_m: float, pitch_y_m: float) -> tuple[Array, float, float]:

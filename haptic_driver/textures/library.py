@@ -10,7 +10,7 @@ from typing import NamedTuple
 from haptic_driver.config import read_toml
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import FrictionMap, Placed, Profile, Target, Texture, Uniform
-from haptic_driver.textures import description, files, formulas, hjif, script
+from haptic_driver.textures import description, files, formulas, hjif, script, spectrum
 from model.support.errors import did_you_mean
 
 MAP_EXAMPLE = """\
@@ -112,29 +112,34 @@ def _load_toml(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
 def _build(described: description.Description, path: Path, search: Sequence[Path]) -> Target:
     if isinstance(described, description.ScriptDescription):
         return script.build(described, path, lambda name: _step_texture(name, path, search))
-    return _build_texture(described, path.parent)
+    return _build_texture(described, path)
 
 
-def _build_texture(described: description.TextureDescription, folder: Path) -> Texture:
+def _build_texture(described: description.TextureDescription, path: Path) -> Texture:
+    texture: Texture
     match described:
         case description.UniformDescription():
-            return Uniform(described.cof)
+            texture = Uniform(described.cof)
         case description.GratingDescription():
-            return formulas.grating(described)
+            texture = formulas.grating(described)
         case description.NoiseDescription():
             pitch_m = described.tile_mm * 1e-3 / described.pixels()
             tile = FrictionMap(formulas.noise(described), pitch_m, described.stretch * pitch_m, "tile")
-            return _placed(tile, [0.0, 0.0], described.rotation_deg)
+            texture = _placed(tile, [0.0, 0.0], described.rotation_deg)
+        case description.SpectrumDescription():
+            texture = _placed(spectrum.spectrum(described, str(path)), [0.0, 0.0], described.direction_deg)
         case description.ProfileDescription():
-            profile = Profile(*files.read_profile(folder / described.file), described.outside)
-            return _placed(profile, described.origin_mm, described.direction_deg)
+            profile = Profile(*files.read_profile(path.parent / described.file), described.outside)
+            texture = _placed(profile, described.origin_mm, described.direction_deg)
         case description.MapDescription():
-            return _placed(_build_map(described, folder / described.file), described.origin_mm, described.rotation_deg)
+            picture = _build_map(described, path.parent / described.file)
+            texture = _placed(picture, described.origin_mm, described.rotation_deg)
         case description.HjifDescription():
-            position_m, amplitude = hjif.read(folder / described.file)
+            position_m, amplitude = hjif.read(path.parent / described.file)
             cof = described.cof_low + (described.cof_high - described.cof_low) * amplitude
             curve = Profile(position_m.tolist(), cof.tolist(), described.outside)
-            return _placed(curve, described.origin_mm, described.direction_deg)
+            texture = _placed(curve, described.origin_mm, described.direction_deg)
+    return texture
 
 
 def _step_texture(name: str, script_path: Path, search: Sequence[Path]) -> Texture:

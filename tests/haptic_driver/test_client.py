@@ -54,6 +54,12 @@ def test_a_session_asks_and_leaves_the_output_off(client, control):
     assert not [thread for thread in threading.enumerate() if thread.name == "lease"]
 
 
+def test_a_client_without_a_socket_finds_the_one_of_the_environment(socket, monkeypatch):
+    monkeypatch.setenv("HAPTIC_SOCKET", str(socket))
+    with HapticClient() as client:
+        assert client.status().state is DaemonState.IDLE
+
+
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
 def test_whatever_ends_the_block_switches_off_and_is_not_hidden(client, control, error):
     def work():

@@ -52,7 +52,7 @@ def test_check_says_what_is_in_reach(haptic, surface_path):
     said = done.said
     assert set(said) == {
         "name", "kind", "normal_force_n", "reachable_cof", "cof_low", "cof_high", "share_below", "share_above",
-        "share_nothing", "steps_felt", "flags",
+        "share_nothing", "steps_felt", "flags", "speed_m_s", "bands",
     }  # fmt: skip
     assert (said["share_below"], said["share_above"], said["flags"]) == (0.0, 0.0, [])
     low, high = said["reachable_cof"]
@@ -73,12 +73,26 @@ def test_check_flags_what_is_out_of_reach(haptic, surface_path, own_configs):
     assert "above_reach" in shown.out
 
 
+@pytest.mark.parametrize(("rig", "verdict"), [("simulated", "out_of_reach"), ("simulated-envelope", "reached")])
+def test_check_says_which_band_a_rig_reaches_at_a_speed(haptic, surface_path, rig, verdict):
+    """1 mm at 0.1 m/s are 100 Hz: set points every 10 ms bring out 50 Hz at most, an envelope any band."""
+    options = ("--surface", surface_path, "--rig", rig, "--speed", "0.1")
+    bands = haptic("texture", "check", "fine_grating", *options, "--json").said["bands"]
+    assert len(bands) == 9
+    asked = [band for band in bands if band["verdict"] != "nothing_asked"]
+    assert [band["verdict"] for band in asked] == [verdict]
+    assert asked[0]["low_hz"] < 100.0 < asked[0]["high_hz"]
+    assert asked[0]["asked_cof_rms"] == pytest.approx(0.07 / 2**0.5, rel=0.01)
+    assert verdict.replace("_", " ") in haptic("texture", "check", "fine_grating", *options).out
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "code", "words"),
     [
         (["preview", "linnen"], 2, "unknown_texture", "Did you mean 'linen'?"),
         (["check", "linnen"], 2, "unknown_texture", "Did you mean 'linen'?"),
         (["check", "linen", "--normal-force", "99"], 2, "out_of_range", "Give 0.1 to 2 N"),
+        (["check", "linen", "--speed", "50"], 2, "out_of_range", "Give 0.002 to 1 m/s"),
         (["preview", "linen", "--out", "a.unknown"], 2, "bad_ending", ".png"),
     ],
 )

@@ -102,6 +102,7 @@ def test_a_folder_in_which_others_may_write_is_refused(path):
 
 
 def test_the_default_socket_is_in_the_users_own_runtime_folder(monkeypatch, tmp_path):
+    monkeypatch.delenv("HAPTIC_SOCKET", raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     assert default_socket() == tmp_path / "haptic" / "daemon.sock"
     monkeypatch.delenv("XDG_RUNTIME_DIR")

@@ -39,8 +39,11 @@ def test_textures(page, name, x_m, y_m, cof):
     assert load(f"./{name}.toml", texture_dirs()).target.cof_at(x_m, y_m) == pytest.approx(cof)
 
 
-def test_grains_and_scripts(page):
+def test_grains_spectra_and_scripts(page):
     assert load("./grains.toml", texture_dirs()).target.bounds() == pytest.approx((0.53, 0.77), abs=0.02)
+    low, high = load("./weave.toml", texture_dirs()).target.bounds()
+    assert 0.5 < low < 0.65
+    assert 0.71 < high < 0.9
     assert load("./edge.csv", texture_dirs()).kind == "profile"
     for name in ("./trial.csv", "./trial.toml"):
         labels = [m.label for m in load(name, texture_dirs()).target.markers(-1.0, 10.0)]
@@ -49,7 +52,7 @@ def test_grains_and_scripts(page):
 
 
 def test_every_toml_block_is_tried(page):
-    assert len(NAMED.findall(page)) == len(re.findall(r"```(?:toml|csv|json)\n", page)) == 13
+    assert len(NAMED.findall(page)) == len(re.findall(r"```(?:toml|csv|json)\n", page)) == 14
 
 
 def test_python(page, tmp_path):

@@ -1,0 +1,202 @@
+"""`haptic texture import`: what was measured or recorded elsewhere, as a texture of the library's format."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+from typer import Argument, Option
+
+from haptic_driver.cli.output import Json, report, stdout
+from haptic_driver.errors import BadInputError, require_range
+from haptic_driver.files import exists_already, write_rows, write_text
+from haptic_driver.render.texture import Outside
+
+if TYPE_CHECKING:
+    from haptic_driver.signals import Array
+    from haptic_driver.textures.strokes import Strokes
+
+RECORDINGS, TABLES, SOUNDS, MODELS = (".h5", ".hdf5"), (".csv",), (".wav",), (".xml",)
+SPEED_M_S = (0.005, 1.0)  # of a surface's vibration
+PITCH_MM = (0.02, 10.0)
+
+
+class Imported(NamedTuple):
+    """A profile [n] and how the texture's file goes on; `found` is for `--json`."""
+
+    position_m: Array
+    cof: Array
+    words: str
+    outside: Outside
+    direction_deg: float
+    found: dict[str, Any]
+
+
+def import_texture(
+    source: Annotated[Path, Argument(help="Recording (.h5), strokes (.csv), vibration (.wav) or HaTT models (.xml).")],
+    out: Annotated[Path, Option(help="Texture to write, .toml; its points go into a .csv beside it.")],
+    run: Annotated[str | None, Option(help=".h5: the run, e.g. run_0001; the last one by default.")] = None,
+    column: Annotated[list[str] | None, Option(help=".csv: position_mm=NAME, and so on; may be repeated.")] = None,
+    pitch_mm: Annotated[float, Option(help=".h5, .csv: width of the places that friction is averaged over.")] = 0.1,
+    speed: Annotated[float | None, Option(help=".wav, .xml: m/s at which the surface vibrates so.")] = None,
+    normal_force: Annotated[float, Option(help=".xml: N, of the model.")] = 0.5,
+    mean_cof: Annotated[
+        float | None, Option(help=".wav, .xml: mean friction; .xml: the file's own mu if not said.")
+    ] = None,
+    amplitude_cof: Annotated[float | None, Option(help=".wav, .xml: largest deviation from the mean.")] = None,
+    seed: Annotated[int, Option(min=0, help=".xml: of the noise that drives the model.")] = 1,
+    force: Annotated[bool, Option("--force", help="Overwrite what is there.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Make a texture of a recording, of strokes measured elsewhere, of a surface's vibration or of a HaTT model.
+
+    A recording and strokes (columns position_mm, normal_force_n, lateral_force_n) give friction over position. A
+    vibration has no friction: say which it shall have.
+
+    Example: `haptic texture import strokes.csv --out mine.toml`
+    """
+    points = out.with_suffix(".csv")
+    _require_free(source, out, points, force)
+    kind = source.suffix.lower()
+    if kind in RECORDINGS:
+        made = _felt(*_recorded(source, run), pitch_mm, str(source))
+    elif kind in TABLES:
+        from haptic_driver.textures.strokes import read_strokes  # noqa: PLC0415  (as all below: slow to import)
+
+        made = _felt(read_strokes(source, _names(column or [])), 0.0, pitch_mm, str(source))
+    elif kind in (*SOUNDS, *MODELS):
+        made = _vibrating(source, speed, normal_force, mean_cof, amplitude_cof, seed)
+    else:
+        known = ", ".join((*RECORDINGS, *TABLES, *SOUNDS, *MODELS))
+        raise BadInputError("bad_ending", f"{source}: '{kind}' is not a file that can be imported", f"Known: {known}")
+    _write(made, source, out, points)
+    low, high = float(made.cof.min()), float(made.cof.max())
+    payload = {
+        "texture": str(out),
+        "points_file": str(points),
+        "points": made.cof.size,
+        "cof": [low, high],
+    } | made.found
+    report(as_json, payload, lambda: _show(payload, made.words))
+
+
+def _require_free(source: Path, out: Path, points: Path, force: bool) -> None:
+    if out.suffix.lower() != ".toml":
+        raise BadInputError("bad_ending", f"{out}: does not end in .toml", f"Give --out {out.with_suffix('.toml')}")
+    for path in (out, points):
+        if path.exists() and source.exists() and path.samefile(source):
+            said = f"{path}: is what is imported, and would be overwritten"
+            raise BadInputError("file_exists", said, "Give another --out")
+        if path.exists() and not force:
+            raise exists_already(path)
+
+
+def _names(given: Sequence[str]) -> dict[str, str]:
+    """What the options --column say."""
+    for said in given:
+        if "=" not in said:
+            raise BadInputError(
+                "bad_column", f"--column {said}: has no sign =", "Give for example: --column position_mm=x"
+            )
+    return dict(said.split("=", 1) for said in given)
+
+
+def _recorded(source: Path, run: str | None) -> tuple[Strokes, float]:
+    """The strokes of a recording along the axis that it slides farther, and that axis' direction in degrees."""
+    import numpy as np  # noqa: PLC0415
+
+    from haptic_driver.recording.read import read_run  # noqa: PLC0415
+    from haptic_driver.textures.strokes import Strokes  # noqa: PLC0415
+
+    samples = read_run(source, run).samples
+    touching = samples[samples["in_contact"] == 1]
+    if not touching.size:
+        hint = "Give another --run, or record while a finger slides"
+        raise BadInputError("bad_strokes", f"{source}: nobody touches in this run", hint)
+    axis, direction_deg = max((("x", 0.0), ("y", 90.0)), key=lambda a: float(np.ptp(touching[f"position_{a[0]}_m"])))
+    columns = (f"position_{axis}_m", "normal_force_n", "lateral_force_n", "speed_m_s")
+    return Strokes(*(np.asarray(touching[name], float) for name in columns)), direction_deg
+
+
+def _felt(strokes: Strokes, direction_deg: float, pitch_mm: float, where: str) -> Imported:
+    from haptic_driver.textures.strokes import friction_over_position  # noqa: PLC0415
+
+    require_range("--pitch-mm", pitch_mm, *PITCH_MM, unit=" mm")
+    felt = friction_over_position(strokes, pitch_mm * 1e-3, where)
+    found = {
+        "share_used": felt.share_used,
+        "widest_gap_mm": 1e3 * felt.widest_gap_m,
+        "speed_m_s": felt.speed_m_s,
+        "length_mm": 1e3 * float(felt.position_m[-1] - felt.position_m[0]),
+    }
+    words = (
+        f"{felt.share_used:.1%} of the rows slide in contact; longest way without any {1e3 * felt.widest_gap_m:.3g} mm"
+    )
+    return Imported(felt.position_m, felt.cof, words, "nothing", direction_deg, found)
+
+
+def _vibrating(
+    source: Path, speed_m_s: float | None, normal_force_n: float, mean_cof: float | None, amplitude_cof: float | None,
+    seed: int,
+) -> Imported:  # fmt: skip
+    import numpy as np  # noqa: PLC0415
+
+    from haptic_driver.textures import hatt, vibration  # noqa: PLC0415
+    from haptic_driver.textures.description import require_swing  # noqa: PLC0415
+
+    is_model = source.suffix.lower() in MODELS
+    if speed_m_s is None or amplitude_cof is None or (mean_cof is None and not is_model):
+        said = f"{source} holds a vibration: it does not say which friction that is, nor how long the surface"
+        example = "--speed 0.05 --mean-cof 0.65 --amplitude-cof 0.1"
+        raise BadInputError("texture_needs_scale", said, f"Add for example: {example}")
+    require_range("--speed", speed_m_s, *SPEED_M_S, unit=" m/s")
+    if is_model:
+        models = hatt.read(source)
+        mean_cof = models.mu if mean_cof is None else mean_cof
+        vibrating = hatt.synthesised(models, speed_m_s, normal_force_n, vibration.LONGEST_M / speed_m_s, seed)
+    else:
+        vibrating = vibration.read_wav(source)
+    assert mean_cof is not None
+    try:
+        require_swing(mean_cof, amplitude_cof)
+    except ValueError as error:
+        raise BadInputError("out_of_range", str(error), "Give another --mean-cof or --amplitude-cof") from None
+    position_m, cof = vibration.along_the_way(vibrating, speed_m_s, mean_cof, amplitude_cof, str(source))
+    found = {"length_mm": 1e3 * float(np.ptp(position_m)), "speed_m_s": speed_m_s, "rate_hz": vibrating.rate_hz}
+    words = "the vibration's shape at that speed; its size in friction is what you said, not measured"
+    return Imported(position_m, cof, words, "tile", 0.0, found)
+
+
+def _write(made: Imported, source: Path, out: Path, points: Path) -> None:
+    """Points first: a texture's file never names one that is not there."""
+    places = zip((1e3 * made.position_m).tolist(), made.cof.tolist(), strict=True)
+    write_rows(points, [{"position_mm": f"{place_mm:.9g}", "cof": f"{cof:.5f}"} for place_mm, cof in places])
+    lines = [
+        'kind = "profile"',
+        f"description = {_quoted(f'from {source.name}: {made.words}')}",
+        f"file = {_quoted(points.name)}",
+        f"direction_deg = {made.direction_deg:.1f}",
+        f'outside = "{made.outside}"',
+    ]
+    write_text(out, "\n".join(lines) + "\n")
+
+
+def _quoted(text: str) -> str:
+    """A string of TOML, which are those of JSON."""
+    return json.dumps("".join(letter if letter.isprintable() else "?" for letter in text), ensure_ascii=False)
+
+
+def _show(payload: dict[str, Any], words: str) -> None:
+    low, high = payload["cof"]
+    speed_m_s = payload["speed_m_s"]
+    at = "" if math.isnan(speed_m_s) else f", at {speed_m_s:.3g} m/s"
+    stdout.print(f"texture: {payload['texture']}, with its points in {payload['points_file']}")
+    stdout.print(
+        f"  {payload['points']} points over {payload['length_mm']:.4g} mm, friction {low:.4g} to {high:.4g}{at}"
+    )
+    stdout.print(f"  {words}")
+    stdout.print(f"look at it: haptic texture preview {shlex.quote(payload['texture'])}")

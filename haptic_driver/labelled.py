@@ -1,0 +1,48 @@
+"""Arrays with their names and units, for pandas and xarray: packages that are asked for only here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from haptic_driver.errors import optional
+
+UNITS = {
+    "_m_s": "m/s",
+    "_v_per_s": "V/s",
+    "_hz": "Hz",
+    "_v": "V",
+    "_a": "A",
+    "_n": "N",
+    "_m": "m",
+    "_s": "s",
+}  # longer ones first
+
+
+def unit_of(name: str) -> str:
+    """What a name says of its unit; "1" for a pure number."""
+    return next((unit for ending, unit in UNITS.items() if name.endswith(ending)), "1")
+
+
+def frame(columns: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
+    """A pandas DataFrame of columns [n]; `attrs` holds `about` and the `units` of every column.
+
+    HapticError where pandas is not installed.
+    """
+    made = optional("pandas", "tables", "to_frame").DataFrame(dict(columns))
+    made.attrs = {**about, "units": {name: unit_of(name) for name in columns}}
+    return made
+
+
+def dataset(axes: Mapping[str, Any], variables: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
+    """An xarray Dataset over `axes` in their order; a variable of fewer dimensions lies along the first ones.
+
+    Every variable has the attribute `units`. HapticError where xarray is not installed.
+    """
+    xarray = optional("xarray", "tables", "to_xarray")
+    dimensions = list(axes)
+    return xarray.Dataset(
+        {name: (dimensions[: values.ndim], values, {"units": unit_of(name)}) for name, values in variables.items()},
+        coords={name: (name, values, {"units": unit_of(name)}) for name, values in axes.items()},
+        attrs=dict(about),
+    )

@@ -1,0 +1,72 @@
+"""Recordings and surfaces for pandas and xarray: the same numbers, under their names and units."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from haptic_driver.errors import HapticError
+from haptic_driver.labelled import unit_of
+from haptic_driver.processes.samples import SAMPLE
+from haptic_driver.recording.read import Run
+
+
+@pytest.fixture
+def run():
+    samples = np.zeros(3, SAMPLE)
+    samples["time_s"], samples["speed_m_s"], samples["measured_cof"] = (
+        [1.0, 1.5, 2.0],
+        [0.1, 0.2, 0.3],
+        [0.6, np.nan, 0.7],
+    )
+    return Run("run_0001", {"rig": "bench", "simulated": True}, {}, samples, [])
+
+
+def test_a_run_as_a_frame(run):
+    frame = run.to_frame()
+    assert list(frame.columns) == list(SAMPLE.names)
+    assert frame["speed_m_s"].tolist() == [0.1, 0.2, 0.3]
+    assert frame["measured_cof"].isna().tolist() == [False, True, False]
+    assert frame.attrs["rig"] == "bench"
+    assert frame.attrs["units"]["speed_m_s"] == "m/s"
+
+
+def test_a_run_over_time(run):
+    found = run.to_xarray()
+    assert float(found["speed_m_s"].sel(time_s=1.5)) == 0.2
+    assert found["speed_m_s"].attrs["units"] == "m/s"
+    assert found.time_s.attrs["units"] == "s"
+    assert found.attrs["simulated"] is True
+
+
+def test_a_surface_over_its_axes(small_file):
+    found = small_file.to_xarray()
+    at = {"frequency_hz": 2, "voltage_v": 5, "normal_force_n": 1}
+    assert float(found["cof"].isel(at)) == small_file.cof[2, 5, 1]
+    assert found["stuck_current_rms_a"].dims == ("frequency_hz", "voltage_v")
+    assert found["stuck_current_rms_a"].attrs["units"] == "A"
+    assert found.attrs["content_hash"] == small_file.content_hash
+    frame = small_file.to_frame()
+    assert len(frame) == small_file.cof.size
+    row = frame[(frame.frequency_hz == small_file.frequency_hz[2]) & (frame.voltage_v == small_file.voltage_v[5])].iloc[
+        1
+    ]
+    assert row["cof"] == small_file.cof[2, 5, 1]
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("slew_v_per_s", "V/s"), ("voltage_v", "V"), ("current_rms_a", "A"), ("position_x_m", "m"), ("cof", "1")],
+)
+def test_units_stand_in_the_names(name, unit):
+    assert unit_of(name) == unit
+
+
+@pytest.mark.parametrize(("package", "method"), [("pandas", "to_frame"), ("xarray", "to_xarray")])
+def test_a_package_that_is_missing_is_named_with_what_installs_it(run, monkeypatch, package, method):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(HapticError) as caught:
+        getattr(run, method)()
+    assert caught.value.code == "missing_package"
+    assert method in caught.value.message
+    assert "haptic-driver[tables]" in caught.value.hint

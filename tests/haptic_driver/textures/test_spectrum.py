@@ -1,0 +1,108 @@
+"""`kind = "spectrum"`: what its waves come to, by the tile's own Fourier series."""
+
+import math
+
+import numpy as np
+import pytest
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.textures.library import load_texture
+
+EDGES_HZ = [12.5 * 2.0 ** (2.0 * k / 3.0) for k in range(10)]
+HEAD = 'kind = "spectrum"\nmean_cof = 0.7\n'
+RMS = [0.03, 0.0, 0.02, 0.0, 0.01, 0.0, 0.01, 0.0, 0.02]
+BANDS = f"band_cof_rms = {RMS}\n"
+
+
+def load(folder, text):
+    (folder / "s.toml").write_text(HEAD + text)
+    return load_texture(str(folder / "s.toml"), [])
+
+
+def series(texture, tile_m=0.064, speed_m_s=0.05):
+    """Frequencies and mean squares of the waves that a finger at that speed crosses in one tile."""
+    count = 1 << 16
+    cof = texture.cof_at(tile_m * np.arange(count) / count, np.zeros(count))
+    return np.arange(1, count // 2) * speed_m_s / tile_m, 2.0 * np.abs(np.fft.rfft(cof)[1:-1] / count) ** 2
+
+
+def in_bands(texture, **crossed):
+    frequency_hz, square = series(texture, **crossed)
+    return np.sqrt(np.histogram(frequency_hz, EDGES_HZ, weights=square)[0])
+
+
+def test_each_band_has_the_friction_that_was_asked_for(tmp_path):
+    # Straight lines between 12 points a wave lose 2 % of the shortest, and less of the others.
+    assert in_bands(load(tmp_path, BANDS)) == pytest.approx(RMS, rel=0.025, abs=1e-3)
+
+
+def test_at_twice_the_speed_every_frequency_doubles(tmp_path):
+    texture = load(tmp_path, BANDS)
+    once, twice = series(texture), series(texture, speed_m_s=0.1)
+    assert twice[0] == pytest.approx(2.0 * once[0])
+    assert in_bands(load(tmp_path, BANDS + "speed_mm_s = 100\n"), speed_m_s=0.1) == pytest.approx(
+        RMS, rel=0.025, abs=1e-3
+    )
+
+
+def test_waves_that_no_finger_follows_are_left_out(tmp_path):
+    slow = in_bands(load(tmp_path, BANDS + "speed_mm_s = 10\n"), speed_m_s=0.01)  # 0.05 mm are 200 Hz
+    assert slow[:6] == pytest.approx(RMS[:6], rel=0.025, abs=1e-3)
+    assert slow[7:] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_gain_and_inverse_of_the_finger(tmp_path):
+    plain = in_bands(load(tmp_path, BANDS))
+    assert in_bands(load(tmp_path, BANDS + "perceptual_gain = 3\n")) == pytest.approx(3.0 * plain)
+    inverted = in_bands(load(tmp_path, BANDS + "invert_finger = true\n"))
+    # A finger at 50 mm/s is cut off at 690 Hz: waves of 504 to 800 Hz need 1.24 to 1.53 times as much.
+    assert 1.24 < inverted[8] / plain[8] < 1.54
+    assert inverted[0] == pytest.approx(plain[0], rel=1e-3)
+
+
+def test_a_beta_form_has_its_energy_and_the_mean_and_spread_of_its_distribution(tmp_path):
+    frequency_hz, square = series(load(tmp_path, "cof_rms = 0.05\nbeta = [4.0, 2.0]\n"))
+    place = np.log(frequency_hz / 12.5) / math.log(64.0)
+    square = square * (place >= 0.0) * (place <= 1.0)
+    assert math.sqrt(square.sum()) == pytest.approx(0.05, rel=0.01)
+    mean = np.sum(place * square) / square.sum()
+    assert mean == pytest.approx(4.0 / 6.0, abs=0.01)
+    assert np.sum((place - mean) ** 2 * square) / square.sum() == pytest.approx(8.0 / (36.0 * 7.0), rel=0.05)
+
+
+def test_an_autoregressive_form_rings_where_its_poles_are(tmp_path):
+    coefficients = np.poly(0.98 * np.exp(np.array([1j, -1j]) * math.tau * 150.0 / 2000.0)).real[1:]
+    text = f"cof_rms = 0.05\nar = {coefficients.tolist()}\nrate_hz = 2000\n"
+    frequency_hz, square = series(load(tmp_path, text))
+    assert math.sqrt(square.sum()) == pytest.approx(0.05, rel=0.01)
+    assert frequency_hz[square.argmax()] == pytest.approx(150.0, abs=2.0)
+
+
+def test_it_repeats_without_a_seam_and_in_its_direction(tmp_path):
+    texture = load(tmp_path, BANDS + "direction_deg = 90\n")
+    places = np.array([0.0, 0.0123, 0.0639])
+    assert texture.cof_at(0.0 * places, places) == pytest.approx(texture.cof_at(0.5 + 0.0 * places, places + 0.064))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "one of band_cof_rms, beta and ar, not none"),
+        (BANDS + "beta = [1.0, 2.0]\ncof_rms = 0.1\n", "not band_cof_rms, beta"),
+        ("beta = [1.0, 2.0]\n", "'cof_rms' goes together with beta or ar"),
+        (BANDS + "cof_rms = 0.1\n", "'cof_rms' goes together with beta or ar"),
+        ("cof_rms = 0.1\nar = [0.1]\n", "'rate_hz' goes together with ar"),
+        ("band_cof_rms = [0.1]\n", "band_cof_rms"),
+        ("cof_rms = 0.1\nbeta = [0.0, 1.0]\n", "beta"),
+        (BANDS + "tile_mm = 1000\n", "'tile_mm': 16 to 130.2 for a speed_mm_s of 50"),
+        (BANDS + "tile_mm = 10\n", "'tile_mm': 16 to 130.2"),
+        (BANDS + "perceptual_gain = 10\n", "friction goes from -"),
+        ("cof_rms = 0.1\nar = [-1.0]\nrate_hz = nan\n", "rate_hz"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_with_the_file_and_the_key(tmp_path, text, words):
+    with pytest.raises(BadInputError) as caught:
+        load(tmp_path, text)
+    assert caught.value.code == "bad_texture"
+    assert words in caught.value.message
+    assert str(tmp_path / "s.toml") in caught.value.message
