@@ -10,17 +10,17 @@ from rich.table import Column, Table
 from rich.text import Text
 from typer import Argument, Option
 
-from haptic_driver.cli.output import Json, ModelOption, RigOption, named, report, status, stdout
+from haptic_driver.cli.output import Json, ModelOption, RigOption, RowsOption, named, report, status, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.check import told
 from haptic_driver.experiments.plan import LONGEST_S, Plan, Setting, load_plan, write_plan
+from haptic_driver.experiments.recorded import read_data
 from haptic_driver.experiments.resolving import ways
 from haptic_driver.files import bad_input, writing
 from haptic_driver.pictures.model import draw_resolution
 from haptic_driver.rig.config import load_rig
 from haptic_driver.surface.models import load_model
 from model.description import ModelDescription
-from model.diagnosis.data import read_measurements, together
 from model.diagnosis.report import write_report
 from model.diagnosis.resolution import Resolution, resolution
 from model.diagnosis.verdict import APART
@@ -31,12 +31,13 @@ from model.touch_model import TouchModel
 
 
 def diagnose(
-    data: Annotated[Path | None, Argument(help="CSV: frequency_hz, voltage_v, normal_force_n, cof, ...")] = None,
+    data: Annotated[Path | None, Argument(help="CSV: frequency_hz, voltage_v, ..., cof; or a recording (.h5).")] = None,
     model: ModelOption = "reference",
     out: Annotated[Path, Option(help="Folder for report.html, report.json, model.toml.")] = Path("diagnosis"),
     also: Annotated[
         list[Path] | None, Option(help="More data of the same finger and rig; may be given repeatedly.")
     ] = None,
+    rows: RowsOption = None,
     seed: Annotated[int, Option(help="Of the random draws in tests and folds.", min=0)] = 0,
     plan: Annotated[str | None, named("plans", "Instead of data, a plan to judge beforehand")] = None,
     rig: RigOption = "simulated",
@@ -52,6 +53,8 @@ def diagnose(
     the data earn it. Where more data would tell more, `DIR/next_plan.toml` is a plan for `haptic measure`; what it
     measures goes in with `--also`.
 
+    A recording of `haptic record` is cut into rows of steady sliding, which `--rows out.csv` keeps.
+
     Without data, `--plan P --rig R` says beforehand which effects that plan could tell apart on that rig: as it is,
     with the electrode's current as far as a card reads it, and with a full sweep.
 
@@ -66,8 +69,7 @@ def diagnose(
         return
     assert data is not None
     description = load_model(model)
-    with bad_input("bad_data"):
-        measurements = together([(str(path), read_measurements(path)) for path in (data, *(also or ()))])
+    measurements = read_data([data, *(also or ())], rows)
     with status("diagnosing") as tell:
         diagnosis = run(description, measurements, seed, tell)
     with writing(out):
