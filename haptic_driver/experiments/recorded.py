@@ -30,6 +30,7 @@ ENDINGS = (".h5", ".hdf5")
 STEP = 10  # samples that are averaged before it is asked whether a condition is steady: sensors are noisy
 SHORTEST_S = 0.1  # of a row: enough samples to tell how they remember one another
 LONGEST_S = 1.0
+SHARED_S = 1.0  # of a row's own scatter: so much counts what all rows say about the noise
 SETTLING_S = 0.05  # set points come 10 ms early or late, and at SLOWEST_M_S friction needs 20 ms to follow a voltage
 SLOWEST_M_S = 0.003
 SETTLED_M = 0.0003  # of a stroke: before, the skin still stretches
@@ -96,24 +97,42 @@ def cut(run: Run) -> list[Recorded]:
     found: list[Recorded] = []
     if run.samples.size < 2:
         return found
-    drive = _drive(run)
+    drive, lasted_s = _drive(run), []
     session, stroke, ended_s, start_s = 1, 0, -np.inf, float(run.samples["time_s"][0])
     for part in _strokes(run.samples, start_s + run.attributes["latency_budget_s"]["total"] + SETTLING_S):
-        samples, time_s = run.samples[part], run.samples["time_s"][part]
-        rows = [
-            _row(samples[window], drive.during(part).during(window)) for window in _windows(samples, drive.during(part))
-        ]
-        good = [(setting, measured) for setting, measured in rows if measured.valid]
+        samples, during = run.samples[part], drive.during(part)
+        windows = _windows(samples, during)
+        rows = [(*_row(samples[window], during.during(window)), window) for window in windows]
+        good = [row for row in rows if row[1].valid]
         if not good:
             continue
         stroke += 1
-        if found and time_s[0] - ended_s > PAUSE_S:
+        if found and samples["time_s"][0] - ended_s > PAUSE_S:
             session, stroke = session + 1, 1
-        ended_s = float(time_s[-1])
-        for setting, measured in good:
+        ended_s = float(samples["time_s"][-1])
+        for setting, measured, window in good:
             since = measured._replace(time_s=measured.time_s - start_s)
             found.append(Recorded(Row(setting, session, stroke), since))
-    return found
+            lasted_s.append(float(np.ptp(samples["time_s"][window])))
+    return _with_shared_noise(found, np.array(lasted_s))
+
+
+def _with_shared_noise(rows: list[Recorded], lasted_s: Array) -> list[Recorded]:
+    """The rows with errors that also rest on the noise of the others.
+
+    Where a row lasts a few correlation times, its scatter says little about the error of its mean.
+    So the relative variance of a mean over one second is drawn to that of all rows together, which counts as SHARED_S.
+    """
+    if not rows:
+        return rows
+    own = lasted_s * np.array([(m.cof_std / m.cof) ** 2 for _, m in rows])
+    shared = float(np.sum(lasted_s * own) / np.sum(lasted_s))
+    variance = (lasted_s * own + SHARED_S * shared) / (lasted_s + SHARED_S) / lasted_s
+    stds = np.sqrt(variance).tolist()
+    return [
+        row._replace(measured=row.measured._replace(cof_std=std * row.measured.cof))
+        for row, std in zip(rows, stds, strict=True)
+    ]
 
 
 class _Drive(NamedTuple):
@@ -176,10 +195,12 @@ def _windows(samples: NDArray[np.void], drive: _Drive) -> list[slice]:
     longest = max(round(LONGEST_S / step_s), 1)
     found, start = [], 0
     while start < steps:
-        ahead = slice(start, start + longest)
+        ahead = slice(start, start + 2 * longest)
         low, high = np.minimum.accumulate(least[:, ahead], axis=1), np.maximum.accumulate(most[:, ahead], axis=1)
         steady = np.all(high - low <= np.maximum(LARGEST_CHANGE * high, NEGLIGIBLE), axis=0)
         count = steady.size if steady.all() else int(np.argmin(steady))
+        if count > longest:  # in halves, rather than with a short rest that says little
+            count = count // 2
         if count * step_s >= SHORTEST_S - 0.5 * step_s:
             found.append(slice(start * STEP, (start + count) * STEP))
         start += max(count, 1)
