@@ -192,7 +192,10 @@ def test_data_are_held_against_a_plan(tmp_path, capsys):
     data, plan = tmp_path / "data.csv", tmp_path / "small.toml"
     rows = [f"20,{v},0.5,0.6,0.012,0.02" for v in (0, 75)]
     data.write_text("\n".join(["frequency_hz,voltage_v,normal_force_n,cof,cof_std,speed_m_s", *rows]) + "\n")
-    plan.write_text('name = "small"\nfrequency_hz = [20.0, 250.0]\nvoltage_v = 110.0\nnormal_force_n = [0.25, 0.5]\n')
+    plan.write_text(
+        'name = "small"\nfrequency_hz = [20.0, 250.0]\nvoltage_v = 110.0\nspeed_m_s = 0.02\n'
+        "normal_force_n = [0.25, 0.5]\n"
+    )
     weak = ["--strength", "-2"]
     assert main(["diagnose", str(data), "--plan", str(plan), "--out", str(tmp_path), "--json", *weak]) == 0
     said = json.loads(capsys.readouterr().out)
