@@ -2,9 +2,9 @@
 
 Every window of steady sliding falls into one cell per condition. A cell keeps the mean residual of its windows, with
 forgetting, and two cumulative sums of log likelihood ratios (Page, Biometrika 41 (1954) 100), for CHANGE more and less
-friction than expected. With normal noise a sum lasts exp(THRESHOLD) windows on average before it alarms falsely (Lorden,
-Ann. Math. Stat. 42 (1971) 1897). The finger's own gain, of which every session has another, is no disagreement: the
-residuals are taken against their mean over the last minutes.
+friction than expected. With normal noise a sum takes at least exp(THRESHOLD) windows on average to a false alarm
+(Lorden, Ann. Math. Stat. 42 (1971) 1897). The finger's own gain, of which every session has another, is no
+disagreement: the residuals are taken against their mean over the last minutes.
 """
 
 from __future__ import annotations
