@@ -126,7 +126,7 @@ def test_rows_without_a_recording_or_over_a_file_are_refused(rng, tmp_path):
 def humid(touch, tmp_path_factory):
     """A recording of a finger with humid air in its gap."""
     path = tmp_path_factory.mktemp("humid") / "run.h5"
-    made = ticks(strokes(3), friction_of(with_hidden(touch, HUMID)), np.random.default_rng(7))
+    made = ticks(strokes(2), friction_of(with_hidden(touch, HUMID)), np.random.default_rng(7))
     return record(path, made)
 
 
