@@ -60,7 +60,7 @@ def diagnose(
     with the electrode's current as far as a card reads it, and with a full sweep. With data, also which those could,
     with the noise that they state; they are not diagnosed then.
 
-    Example: `haptic diagnose data.csv --model reference --out diagnosis`, or `haptic diagnose --plan full --out plan`
+    Example: `haptic diagnose data.csv --model reference --out diagnosis`
     """
     given = [*([] if data is None else [data]), *(also or ())]
     if not given and plan is None:

