@@ -8,26 +8,29 @@ from typing import Annotated, Any
 from rich.table import Table
 from typer import Argument, Option
 
-from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
+from haptic_driver.cli.output import Json, ModelOption, RowsOption, report, status, stdout
 from haptic_driver.errors import BadInputError
+from haptic_driver.experiments.recorded import read_data
 from haptic_driver.files import bad_input, writing
 from haptic_driver.pictures.model import draw_calibration
 from haptic_driver.surface.models import load_model
 from model.analysis.calibration import OPTIONAL, Calibration, write_calibration
 from model.analysis.calibration import calibrate as run
-from model.diagnosis.data import read_measurements
 from model.diagnosis.space import FINGER
 from model.support.errors import nearest
 
 
 def calibrate(
-    data: Annotated[Path, Argument(help="CSV: frequency_hz, voltage_v, normal_force_n, cof, ...")],
+    data: Annotated[Path, Argument(help="CSV: frequency_hz, voltage_v, ..., cof; or a recording (.h5).")],
     model: ModelOption = "reference",
     out: Annotated[Path, Option(help="Model file to write; its picture stands beside it.")] = Path("finger.toml"),
     also: Annotated[list[str] | None, Option(help="A further parameter to fit; repeatable.")] = None,
+    rows: RowsOption = None,
     as_json: Json = False,
 ) -> None:
     """Fit a finger's own numbers (roughness, skin thickness, leakage, friction at 0 V) to its data.
+
+    A recording of `haptic record` is cut into rows of steady sliding, which `--rows out.csv` keeps.
 
     Says how far each is known, which the data cannot tell apart, and how well the model fits.
 
@@ -35,10 +38,9 @@ def calibrate(
     """
     description = load_model(model)
     _check(also or [], out)
-    with bad_input("bad_data"):
-        measurements = read_measurements(data)
-        with status("fitting"):
-            found = run(description, measurements, also or ())
+    measurements = read_data([data], rows)
+    with bad_input("bad_data"), status("fitting"):
+        found = run(description, measurements, also or ())
     with writing(out):
         write_calibration(found, description, out, data.name)
     picture = out.with_suffix(".png")

@@ -10,17 +10,18 @@ from rich.table import Column, Table
 from rich.text import Text
 from typer import Argument, Option
 
-from haptic_driver.cli.output import Json, ModelOption, RigOption, named, report, status, stdout
+from haptic_driver.cli.output import Json, ModelOption, RigOption, RowsOption, named, report, status, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.check import told
 from haptic_driver.experiments.plan import LONGEST_S, Plan, Setting, load_plan, write_plan
+from haptic_driver.experiments.recorded import read_data
 from haptic_driver.experiments.resolving import ways
 from haptic_driver.files import bad_input, writing
 from haptic_driver.pictures.model import draw_resolution
 from haptic_driver.rig.config import load_rig
 from haptic_driver.surface.models import load_model
 from model.description import ModelDescription
-from model.diagnosis.data import read_measurements, together
+from model.diagnosis.data import Measurements
 from model.diagnosis.report import write_report
 from model.diagnosis.resolution import Resolution, resolution
 from model.diagnosis.verdict import APART
@@ -31,14 +32,15 @@ from model.touch_model import TouchModel
 
 
 def diagnose(
-    data: Annotated[Path | None, Argument(help="CSV: frequency_hz, voltage_v, normal_force_n, cof, ...")] = None,
+    data: Annotated[Path | None, Argument(help="CSV: frequency_hz, voltage_v, ..., cof; or a recording (.h5).")] = None,
     model: ModelOption = "reference",
     out: Annotated[Path, Option(help="Folder for report.html, report.json, model.toml.")] = Path("diagnosis"),
     also: Annotated[
         list[Path] | None, Option(help="More data of the same finger and rig; may be given repeatedly.")
     ] = None,
+    rows: RowsOption = None,
     seed: Annotated[int, Option(help="Of the random draws in tests and folds.", min=0)] = 0,
-    plan: Annotated[str | None, named("plans", "Instead of data, a plan to judge beforehand")] = None,
+    plan: Annotated[str | None, named("plans", "A plan to judge beforehand, beside data or without")] = None,
     rig: RigOption = "simulated",
     strength: Annotated[
         float, Option(help="With --plan: of the effects, in standard deviations beyond the usual.", min=-3.0, max=3.0)
@@ -52,41 +54,43 @@ def diagnose(
     the data earn it. Where more data would tell more, `DIR/next_plan.toml` is a plan for `haptic measure`; what it
     measures goes in with `--also`.
 
-    Without data, `haptic diagnose --plan full --rig R` says beforehand which effects that plan could tell apart on
-    that rig: as it is, with the electrode's current as far as a card reads it, and with a full sweep.
+    A recording of `haptic record` is cut into rows of steady sliding, which `--rows out.csv` keeps.
+
+    Without data, `--plan P --rig R` says beforehand which effects that plan could tell apart on that rig: as it is,
+    with the electrode's current as far as a card reads it, and with a full sweep. With data, also which those could,
+    with the noise that they state; they are not diagnosed then.
 
     Example: `haptic diagnose data.csv --model reference --out diagnosis`
     """
-    if (data is None) == (plan is None):
-        raise BadInputError(
-            "bad_data", "give either data or --plan", "haptic diagnose data.csv, or --plan full --rig R"
-        )
+    given = [*([] if data is None else [data]), *(also or ())]
+    if not given and plan is None:
+        raise BadInputError("bad_data", "give data or --plan", "haptic diagnose data.csv, or --plan full --rig R")
+    description, measurements = load_model(model), read_data(given, rows) if given or rows else None
     if plan is not None:
-        _show_levels(plan, rig, load_model(model), out, (strength, noise), as_json)
+        _show_levels((plan, rig), description, measurements, out, (strength, noise), as_json)
         return
-    assert data is not None
-    description = load_model(model)
-    with bad_input("bad_data"):
-        measurements = together([(str(path), read_measurements(path)) for path in (data, *(also or ()))])
+    assert measurements is not None
     with status("diagnosing") as tell:
         diagnosis = run(description, measurements, seed, tell)
     with writing(out):
-        found = write_report(diagnosis, description, out, ", ".join(path.name for path in (data, *(also or ()))))
+        found = write_report(diagnosis, description, out, ", ".join(path.name for path in given))
     following = _write_next_plan(found["next_experiments"], out / "next_plan.toml")
     report(as_json, found | {"next_plan": str(following) if following else None}, lambda: _show(found, out, following))
 
 
 def _show_levels(
-    plan: str,
-    rig: str,
+    plan_and_rig: tuple[str, str],
     description: ModelDescription,
+    measured: Measurements | None,
     out: Path,
     strength_and_noise: tuple[float, float],
     as_json: bool,
 ) -> None:
-    strength, noise = strength_and_noise
+    (plan, rig), (strength, noise) = plan_and_rig, strength_and_noise
     touch = TouchModel(description)
     sets, refusals = ways(load_rig(rig), touch, load_plan(plan), noise)
+    if measured is not None:
+        sets = {"the data": measured} | sets
     with status("comparing") as tell, bad_input("bad_plan"):
         found = {name: resolution(description, data, strength, tell) for name, data in sets.items()}
     picture = out / "resolution.png"

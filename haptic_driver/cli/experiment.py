@@ -125,6 +125,7 @@ def check(
     from haptic_driver.cli.texture import reachable_by  # noqa: PLC0415
     from haptic_driver.experiments.psychophysics.description import load_experiment  # noqa: PLC0415
     from haptic_driver.experiments.psychophysics.design import reached  # noqa: PLC0415
+    from haptic_driver.rig.config import load_rig  # noqa: PLC0415
 
     experiment = load_experiment(file)
     low, high = reachable_by(load_rig(rig), model, None, normal_force)

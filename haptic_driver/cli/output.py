@@ -12,6 +12,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any
 
@@ -41,6 +42,7 @@ def named(kind: str, what: str, declare: Callable[..., Any] = Option) -> Any:
 Json = Annotated[bool, Option("--json", help="Print one JSON object and nothing else.")]
 ModelOption = Annotated[str, named("models", "Model")]
 RigOption = Annotated[str, named("rigs", "Rig")]
+RowsOption = Annotated[Path | None, Option(help="CSV to write: the rows that recordings were cut into.")]
 
 SIMULATED = ("simulated", "bold")  # a part of a `Text`
 

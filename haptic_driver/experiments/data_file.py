@@ -114,15 +114,7 @@ class DataFile:
 
     def append(self, row: Row, measured: Measured, electrode: ElectrodeReading | None = None) -> None:
         """Write one row through to the disk; what was not measured is left empty."""
-        texts = dict.fromkeys(COLUMNS, "") | dict(zip(SETTING_COLUMNS, _setting_texts(row), strict=True))
-        texts |= {} if electrode is None else _electrode_texts(electrode)
-        texts |= {
-            "cof": _text(measured.cof),
-            "cof_std": _text(measured.cof_std, digits=4),
-            "time_s": f"{measured.time_s:.6f}",
-            "measured_normal_force_n": f"{measured.normal_force_n:.6g}",
-            "simulated": "true" if self._simulated else "false",
-        }
+        texts = row_texts(row, measured, electrode, simulated=self._simulated)
         with writing(Path(self._file.name)):
             self._write([texts[name] for name in COLUMNS])
         self.done += 1
@@ -140,6 +132,21 @@ class DataFile:
     def __exit__(self, *_: object) -> None:
         """Close; every row is on the disk already."""
         self._file.close()
+
+
+def row_texts(
+    row: Row, measured: Measured, electrode: ElectrodeReading | None = None, *, simulated: bool
+) -> dict[str, str]:
+    """One row of measured data, as text by column; what was not measured is empty."""
+    texts = dict.fromkeys(COLUMNS, "") | dict(zip(SETTING_COLUMNS, _setting_texts(row), strict=True))
+    texts |= {} if electrode is None else _electrode_texts(electrode)
+    return texts | {
+        "cof": _text(measured.cof),
+        "cof_std": _text(measured.cof_std, digits=4),
+        "time_s": f"{measured.time_s:.6f}",
+        "measured_normal_force_n": f"{measured.normal_force_n:.6g}",
+        "simulated": "true" if simulated else "false",
+    }
 
 
 def meta_path(path: Path) -> Path:

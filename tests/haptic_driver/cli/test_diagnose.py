@@ -187,6 +187,24 @@ def test_a_plan_is_judged_before_it_is_measured(tmp_path, capsys):
     assert (tmp_path / "resolution.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_data_are_held_against_a_plan(tmp_path, capsys):
+    """What is measured at one setting tells less than a plan of several."""
+    data, plan = tmp_path / "data.csv", tmp_path / "small.toml"
+    rows = [f"20,{v},0.5,0.6,0.012,0.02" for v in (0, 75)]
+    data.write_text("\n".join(["frequency_hz,voltage_v,normal_force_n,cof,cof_std,speed_m_s", *rows]) + "\n")
+    plan.write_text(
+        'name = "small"\nfrequency_hz = [20.0, 250.0]\nvoltage_v = 110.0\nspeed_m_s = 0.02\n'
+        "normal_force_n = [0.25, 0.5]\n"
+    )
+    weak = ["--strength", "-2"]
+    assert main(["diagnose", str(data), "--plan", str(plan), "--out", str(tmp_path), "--json", *weak]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert [level["name"] for level in said["levels"]][:2] == ["the data", "as it is"]
+    assert said["levels"][0]["observations"] == 2
+    seen = [sum(e["visible"] for e in level["effects"].values()) for level in said["levels"]]
+    assert seen[0] < seen[2]
+
+
 def test_neither_data_nor_a_plan_is_told(capsys):
     assert main(["diagnose"]) != 0
-    assert "give either data or --plan" in capsys.readouterr().err
+    assert "give data or --plan" in capsys.readouterr().err

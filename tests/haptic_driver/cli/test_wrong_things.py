@@ -118,6 +118,8 @@ WRONG = [
     (["export", "junk.h5", "--out", "x.csv"], 2, "recording_unreadable", "not a readable HDF5 file", "haptic record"),
     (["export", "surface.h5", "--out", "x.csv"], 2, "recording_foreign", "not a recording", "haptic record"),
     (["export", "folder", "--out", "x.csv"], 2, "recording_not_found", "is a folder", "path"),
+    (["diagnose", "junk.h5"], 2, "recording_unreadable", "not a readable HDF5 file", "haptic record"),
+    (["calibrate", "surface.h5"], 2, "recording_foreign", "not a recording", "haptic record"),
     # what is to be written
     ([*MEASURE, "folder"], 2, "file_exists", "folder: is a folder", "--out"),
     ([*MEASURE, "ok.csv"], 2, "file_exists", "ok.csv: exists already", "--force"),

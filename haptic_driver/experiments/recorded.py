@@ -1,0 +1,217 @@
+"""A recording as measured data: stretches of steady sliding, each a row as `haptic measure` would have written it.
+
+Steady means that load, speed, carrier and voltage hardly change, and that the drive did not for `SETTLING_S` before:
+what friction lags behind is then over. Strokes are trials; after a pause, or in another run, a session begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.experiments.average import Measured, average
+from haptic_driver.experiments.data_file import row_texts
+from haptic_driver.experiments.plan import Row, Setting
+from haptic_driver.files import bad_input, write_rows
+from haptic_driver.processes.samples import Flag
+from haptic_driver.recording.read import Run, read_run, run_names
+from haptic_driver.signals import Array, Mask
+from model.diagnosis.data import Measurements, read_measurements, together
+
+ENDINGS = (".h5", ".hdf5")
+STEP = 10  # samples that are averaged before it is asked whether a condition is steady: sensors are noisy
+SHORTEST_S = 0.1  # of a row: enough samples to tell how they remember one another
+LONGEST_S = 1.0
+SHARED_S = 1.0  # of a row's own scatter: so much counts what all rows say about the noise
+SETTLING_S = 0.05  # set points come 10 ms early or late, and at SLOWEST_M_S friction needs 20 ms to follow a voltage
+SLOWEST_M_S = 0.003
+SETTLED_M = 0.0003  # of a stroke: before, the skin still stretches
+GAP_S = 0.005  # without a sample, or longer: another stroke
+PAUSE_S = 5.0  # between strokes, or longer: another session
+LARGEST_CHANGE = np.array([[0.10], [0.30], [0.04], [1e-6]])  # of load, speed, voltage, carrier, within one row
+NEGLIGIBLE = np.array([[0.0], [0.0], [1.0], [0.0]])  # change of the same, N, m/s, V, Hz: attraction goes with V^2
+
+
+class Recorded(NamedTuple):
+    """One row that a recording gave."""
+
+    row: Row
+    measured: Measured
+
+
+def read_data(paths: Sequence[Path], rows: Path | None = None) -> Measurements:
+    """Files of measured data (CSV) and recordings (HDF5), by their endings, as one data set.
+
+    What the recordings were cut into is kept in the file `rows`. BadInputError for what cannot be used.
+    """
+    recordings = [path for path in paths if path.suffix.lower() in ENDINGS]
+    tables = [path for path in paths if path not in recordings]
+    if rows is not None and not recordings:
+        said = "--rows is for what a recording was cut into, and no recording is given"
+        raise BadInputError("usage", said, "Leave it out, or give a file that haptic record wrote")
+    if rows is not None and rows.exists():
+        raise BadInputError("file_exists", f"{rows}: exists already", "Give another --rows")
+    with TemporaryDirectory() as folder, bad_input("bad_data"):
+        parts = []
+        if recordings:
+            cut = rows or Path(folder) / "rows.csv"
+            write_recorded(recordings, cut)
+            parts.append((", ".join(map(str, recordings)), read_measurements(cut)))
+        return together([*parts, *((str(path), read_measurements(path)) for path in tables)])
+
+
+def write_recorded(recordings: Sequence[Path], out: Path) -> int:
+    """Write the rows of recordings to a CSV with the columns of `haptic measure`; returns how many.
+
+    BadInputError for what is no recording, and where nothing in one is steady.
+    """
+    texts: list[dict[str, str]] = []
+    sessions = 0
+    for path in recordings:
+        before = len(texts)
+        for name in run_names(path):
+            run = read_run(path, name)
+            rows = cut(run)
+            simulated = bool(run.attributes["simulated"])
+            for row, measured in rows:
+                numbered = row._replace(session=sessions + row.session)
+                texts.append(row_texts(numbered, measured, simulated=simulated))
+            sessions += rows[-1].row.session if rows else 0
+        if len(texts) == before:
+            said = f"{path}: no {SHORTEST_S:g} s of sliding in it under a steady load, speed and voltage"
+            raise BadInputError("nothing_steady", said, "Record even strokes at one friction after another: haptic set")
+    write_rows(out, texts)
+    return len(texts)
+
+
+def cut(run: Run) -> list[Recorded]:
+    """The rows of one run, in order of time; sessions and strokes with any count from 1. Times are since its start."""
+    found: list[Recorded] = []
+    if run.samples.size < 2:
+        return found
+    drive, lasted_s = _drive(run), []
+    session, stroke, ended_s, start_s = 1, 0, -np.inf, float(run.samples["time_s"][0])
+    for part in _strokes(run.samples, start_s + run.attributes["latency_budget_s"]["total"] + SETTLING_S):
+        samples, during = run.samples[part], drive.during(part)
+        windows = _windows(samples, during)
+        rows = [(*_row(samples[window], during.during(window)), window) for window in windows]
+        good = [row for row in rows if row[1].valid]
+        if not good:
+            continue
+        stroke += 1
+        if found and samples["time_s"][0] - ended_s > PAUSE_S:
+            session, stroke = session + 1, 1
+        ended_s = float(samples["time_s"][-1])
+        for setting, measured, window in good:
+            since = measured._replace(time_s=measured.time_s - start_s)
+            found.append(Recorded(Row(setting, session, stroke), since))
+            lasted_s.append(float(np.ptp(samples["time_s"][window])))
+    return _with_shared_noise(found, np.array(lasted_s))
+
+
+def _with_shared_noise(rows: list[Recorded], lasted_s: Array) -> list[Recorded]:
+    """The rows with errors that also rest on the noise of the others.
+
+    Where a row lasts a few correlation times, its scatter says little about the error of its mean.
+    So the relative variance of a mean over one second is drawn to that of all rows together, which counts as SHARED_S.
+    """
+    if not rows:
+        return rows
+    own = lasted_s * np.array([(m.cof_std / m.cof) ** 2 for _, m in rows])
+    shared = float(np.sum(lasted_s * own) / np.sum(lasted_s))
+    variance = (lasted_s * own + SHARED_S * shared) / (lasted_s + SHARED_S) / lasted_s
+    stds = np.sqrt(variance).tolist()
+    return [
+        row._replace(measured=row.measured._replace(cof_std=std * row.measured.cof))
+        for row, std in zip(rows, stds, strict=True)
+    ]
+
+
+class _Drive(NamedTuple):
+    """What the forces of each sample answer to [2, n], voltage and carrier: then, least and most since SETTLING_S."""
+
+    then: Array
+    least: Array
+    most: Array
+
+    def during(self, part: slice) -> _Drive:
+        """Some of it."""
+        return _Drive(*(values[:, part] for values in self))
+
+
+def _drive(run: Run) -> _Drive:
+    """The commands as many seconds ago as they take to be felt; no carrier at 0 V."""
+    latency, time_s = run.attributes["latency_budget_s"], run.samples["time_s"]
+    felt_s = latency["total"] - latency["sensor"] - latency["tick"]  # as the daemon's own feedback has it
+    place = np.maximum(np.searchsorted(time_s, time_s - felt_s, side="right") - 1, 0)
+    voltage_v = run.samples["voltage_v"][place]
+    then = np.stack([voltage_v, np.where(voltage_v > 0.0, run.samples["frequency_hz"][place], 0.0)])
+    look_back = STEP + round(SETTLING_S / float(np.median(np.diff(time_s))))
+    origin = (look_back - 1) // 2  # which makes the last sample the one that is asked about
+    least, most = (f(then, look_back, axis=1, origin=origin) for f in (minimum_filter1d, maximum_filter1d))
+    return _Drive(then, least, most)
+
+
+def _strokes(samples: NDArray[np.void], known_s: float) -> Iterator[slice]:
+    """Where, after `known_s`, the finger slides without a break or a turn, and friction is known."""
+    saturated = (samples["flags"] & int(Flag.SATURATED_SENSOR)) > 0  # stays up until the next arming: nobody knows
+    usable = np.isfinite(samples["measured_cof"]) & (samples["time_s"] >= known_s) & ~saturated
+    usable &= (samples["in_contact"] > 0) & (samples["speed_m_s"] >= SLOWEST_M_S)
+    gap = np.diff(samples["time_s"], prepend=samples["time_s"][0]) > GAP_S
+    turn = np.diff(np.sign(samples["lateral_force_n"]), prepend=0.0) != 0.0
+    for piece in _pieces(usable, gap | turn):
+        way_m = np.cumsum(samples["speed_m_s"][piece] * np.gradient(samples["time_s"][piece]))
+        start = piece.start + int(np.searchsorted(way_m, SETTLED_M))
+        if piece.stop - start >= STEP:
+            yield slice(start, piece.stop)
+
+
+def _pieces(usable: Mask, breaks: Mask) -> list[slice]:
+    """Runs of at least two usable places, none with a break after its first."""
+    ends = np.flatnonzero(np.diff(usable, prepend=False, append=False))
+    found = []
+    for start, stop in zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True):
+        inner = (start + 1 + np.flatnonzero(breaks[start + 1 : stop])).tolist()
+        edges = [start, *inner, stop]
+        found += [slice(a, b) for a, b in pairwise(edges) if b - a > 1]
+    return found
+
+
+def _windows(samples: NDArray[np.void], drive: _Drive) -> list[slice]:
+    """The steady stretches of one stroke: each as long as it stays steady, up to LONGEST_S."""
+    steps = samples.size // STEP
+    whole, last = slice(steps * STEP), slice(STEP - 1, steps * STEP, STEP)
+    step_s = STEP * float(np.mean(np.diff(samples["time_s"])))
+    touch = [samples[name][whole].reshape(steps, STEP).mean(axis=1) for name in ("normal_force_n", "speed_m_s")]
+    least, most = (np.stack([*touch, *values[:, last]]) for values in (drive.least, drive.most))
+    longest = max(round(LONGEST_S / step_s), 1)
+    found, start = [], 0
+    while start < steps:
+        ahead = slice(start, start + 2 * longest)
+        low, high = np.minimum.accumulate(least[:, ahead], axis=1), np.maximum.accumulate(most[:, ahead], axis=1)
+        steady = np.all(high - low <= np.maximum(LARGEST_CHANGE * high, NEGLIGIBLE), axis=0)
+        count = steady.size if steady.all() else int(np.argmin(steady))
+        if count > longest:  # in halves, rather than with a short rest that says little
+            count = count // 2
+        if count * step_s >= SHORTEST_S - 0.5 * step_s:
+            found.append(slice(start * STEP, (start + count) * STEP))
+        start += max(count, 1)
+    return found
+
+
+def _row(samples: NDArray[np.void], drive: _Drive) -> tuple[Setting, Measured]:
+    """One window as a row; attraction goes with the square of the voltage, so that is averaged."""
+    measured = average(samples["time_s"], np.abs(samples["lateral_force_n"]), samples["normal_force_n"])
+    voltage_v = float(np.sqrt(np.mean(drive.then[0] ** 2)))
+    frequency_hz = float(drive.then[1, -1]) if voltage_v > 0.0 else 0.0
+    told = frequency_hz, voltage_v, measured.normal_force_n, float(np.mean(samples["speed_m_s"]))
+    frequency_hz, voltage_v, load_n, speed_m_s = (float(f"{value:.6g}") for value in told)
+    return Setting(frequency_hz, voltage_v, load_n, speed_m_s), measured
