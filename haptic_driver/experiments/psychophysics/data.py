@@ -200,7 +200,7 @@ def _cell(value: object) -> str:
         return NOTHING
     if isinstance(value, bool):
         return str(int(value))
-    return f"{value:.9g}" if isinstance(value, float) else str(value).replace("\t", " ")
+    return f"{value:.12g}" if isinstance(value, float) else str(value).replace("\t", " ")  # microseconds after ten days
 
 
 def _value(cell: str, kind: Any) -> Any:

@@ -79,10 +79,13 @@ def test_off_is_off_at_once_and_stays_so_until_asked_again(daemon, electrode_v):
         assert electrode_v() == 0.0
 
 
-def test_a_friction_far_out_of_reach_is_refused_with_the_range_and_nothing_comes_on(daemon, electrode_v, tmp_path):
-    """7 for 0.7; the simulated finger presses with 0.5 N or so."""
+def test_a_friction_far_out_of_reach_is_refused_with_the_range_and_nothing_comes_on(
+    daemon, electrode_v, tmp_path, monkeypatch
+):
+    """7 for 0.7, at one load: that of the simulated finger differs from moment to moment."""
     lease = daemon.arm(5.0)
-    low, high = daemon.settings.render.tick.controller.reachable(0.5)
+    low, high = reachable = daemon.settings.render.tick.controller.reachable(0.5)
+    monkeypatch.setattr(daemon._targets, "reach", lambda: (0.5, reachable))
     for cof in (7.0, 1.25 * high, 0.85 * low):
         with pytest.raises(BadInputError, match=r"far out of reach: 0\.\d+ to 1\.\d+ at 0\.\d+ N") as error:
             daemon.set_target(lease.token, cof)

@@ -264,6 +264,13 @@ def test_yes_and_no_leave_the_standard_out(tmp_path):
     assert first.felt_level == pytest.approx(first.level)
 
 
+def test_times_keep_their_microseconds_on_a_machine_that_has_been_up_for_days(tmp_path):
+    files, _ = session_of(made(tmp_path), tmp_path / "out")
+    late = files.rows()[0]._replace(time_s=864000.123456)
+    files.append(late)
+    assert files.rows()[-1].time_s == late.time_s
+
+
 # --- thresholds that are known ---------------------------------------------------------------------------------------
 
 
