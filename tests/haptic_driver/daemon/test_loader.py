@@ -33,11 +33,17 @@ def running():
     loader.close()
 
 
+@pytest.fixture(scope="module")
+def usual_bytes(running):
+    """Of one that has not grown yet."""
+    return peak_bytes(running)
+
+
 @pytest.fixture
-def loader(running):
-    """One that has not grown yet."""
-    running.close()
+def loader(running, usual_bytes):
+    """One that is there, whatever the test before did to it; its peak counts from now."""
     running.texture("linen", REACHABLE_COF)
+    Path(f"/proc/{running.pids['loader']}/clear_refs").write_text("5")
     return running
 
 
@@ -131,31 +137,30 @@ DESCRIPTIONS = {
 }
 
 
-def refused(loader, path):
-    """The refusal of a texture, and by how much the process grew."""
-    before = peak_bytes(loader)
+def refused(loader, path, usual_bytes):
+    """The refusal of a texture, and how much larger than usual the process became."""
     pid = loader.pids["loader"]
     with pytest.raises(BadInputError) as error:
         loader.texture(str(path), REACHABLE_COF)
     assert loader.pids == {"loader": pid}, f"it died of it: {error.value.message}"
-    return error.value, peak_bytes(loader) - before
+    return error.value, peak_bytes(loader) - usual_bytes
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_that_is_a_bomb_is_refused_in_little_memory(loader, tmp_path, name):
+def test_a_file_that_is_a_bomb_is_refused_in_little_memory(loader, usual_bytes, tmp_path, name):
     described, file, content = FILES[name]
     (tmp_path / file).write_bytes(content)
     (tmp_path / "texture.toml").write_text(described.format(file))
-    error, grown_bytes = refused(loader, tmp_path / "texture.toml")
+    error, grown_bytes = refused(loader, tmp_path / "texture.toml", usual_bytes)
     assert error.code != "too_much"
     assert str(tmp_path) in error.message
     assert grown_bytes < MOST_BYTES
 
 
 @pytest.mark.parametrize("name", DESCRIPTIONS)
-def test_a_description_that_is_a_bomb_is_refused_in_little_memory(loader, tmp_path, name):
+def test_a_description_that_is_a_bomb_is_refused_in_little_memory(loader, usual_bytes, tmp_path, name):
     (tmp_path / "texture.toml").write_text(DESCRIPTIONS[name])
-    error, grown_bytes = refused(loader, tmp_path / "texture.toml")
+    error, grown_bytes = refused(loader, tmp_path / "texture.toml", usual_bytes)
     assert error.code != "too_much"
     assert grown_bytes < MOST_BYTES
     with pytest.raises(BadInputError):
@@ -164,12 +169,12 @@ def test_a_description_that_is_a_bomb_is_refused_in_little_memory(loader, tmp_pa
 
 @pytest.mark.parametrize("file", ["a.png", "a.npy", "a.csv", "a.hjif"])
 @pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")], ids=["pipe", "device"])
-def test_what_is_no_regular_file_is_refused_and_never_waited_for(loader, tmp_path, file, make):
+def test_what_is_no_regular_file_is_refused_and_never_waited_for(loader, usual_bytes, tmp_path, file, make):
     """A pipe behind a texture's name once held the daemon's API for ever, and /dev/zero ate the memory."""
     make(tmp_path / file)
     described = {".csv": PROFILE, ".hjif": HJIF}.get(Path(file).suffix, MAP)
     (tmp_path / "texture.toml").write_text(described.format(file))
-    error, grown_bytes = refused(loader, tmp_path / "texture.toml")
+    error, grown_bytes = refused(loader, tmp_path / "texture.toml", usual_bytes)
     assert "is a pipe or a device" in error.message
     assert grown_bytes < 10 * MIB
 
