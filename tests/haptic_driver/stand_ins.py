@@ -6,11 +6,17 @@ import random
 import threading
 from contextlib import contextmanager
 
+import pytest
+
+from haptic_driver.rig import devices
 from haptic_driver.simulation.served import ServedRig
 from hw.errors import DeviceTimeout
 from hw.force.sensor import ForceReading
+from hw.safety import simulated_interlock
+from hw.safety.interlock import HeartbeatInterlock
 
 STEP_S = 0.002
+PATIENCE_S = 10.0
 
 
 class Heard:
@@ -42,8 +48,13 @@ class BreakableSensor:
 
 @contextmanager
 def living_rig(rig_config, touch):
-    """Instruments served over their own wires, in a world whose time passes."""
-    with ServedRig(rig_config, touch) as rig:
+    """Instruments served over their own wires, in a world whose time passes.
+
+    The interlock box and its driver have the patience of a busy machine; `tests/hw/safety` has their times.
+    """
+    with pytest.MonkeyPatch.context() as patch, ServedRig(rig_config, touch) as rig:
+        patch.setattr(simulated_interlock, "SILENCE_S", PATIENCE_S)
+        patch.setattr(devices, "HeartbeatInterlock", _patient_box)
         ended = threading.Event()
 
         def pass_time():
@@ -57,6 +68,10 @@ def living_rig(rig_config, touch):
         finally:
             ended.set()
             world.join()
+
+
+def _patient_box(transport, *, reply_timeout_s):
+    return HeartbeatInterlock(transport, reply_timeout_s=max(reply_timeout_s, PATIENCE_S))
 
 
 class PlantSensor:
