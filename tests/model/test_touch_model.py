@@ -374,8 +374,8 @@ def test_a_cap_bends_the_force_without_steps(models, fresh_tables) -> None:
     assert np.abs(third).max() < 1e-6  # 1e-7; the trapezoid rule alone leaves 2e-5
 
 
-@pytest.mark.parametrize("field_v_per_m", [1e5, 3e6, 5e7, 3e8])
-@pytest.mark.parametrize("voltage_v", [40.0, 90.0, 150.0])
+@pytest.mark.parametrize("field_v_per_m", [1e5, 5e7, 3e8])
+@pytest.mark.parametrize("voltage_v", [40.0, 150.0])
 def test_a_capped_force_is_that_of_a_fine_quadrature(
     models, fresh_tables, field_v_per_m: float, voltage_v: float
 ) -> None:

@@ -157,8 +157,8 @@ def specs(seed: int, scale: float, families: tuple[str, ...] = (), counts: dict[
 
 
 def ci_specs() -> list[Spec]:
-    """Twelve fixed sets: 3 null, 5 single, 2 strangers, 1 pair, 1 with wrong noise."""
-    null = [Spec("F0", i, design=d) for i, d in enumerate(("paper", "quiet_grid", "six_sessions"))]
+    """Ten fixed sets: 2 null, 5 single, 2 strangers, 1 with wrong noise."""
+    null = [Spec("F0", i, design=d) for i, d in enumerate(("paper", "quiet_grid"))]
     singles = (
         ("amplifier_bandwidth", 200.0, "voltage_frequency"),
         ("sweat_film", 150.0, "six_sessions"),
@@ -172,7 +172,4 @@ def ci_specs() -> list[Spec]:
         ("gain_drift", 600.0, "timed"),
     )
     strange = [Spec("F4", i, ((n, level),), design=d) for i, (n, level, d) in enumerate(outside)]
-    pairs = [
-        Spec("F5", 0, (("amplifier_bandwidth", 150.0), ("velocity_dependent_friction", 200.0)), design="six_sessions")
-    ]
-    return [*null, *single, *strange, *pairs, Spec("F7", 0, noise="scale_1.5", design="six_sessions")]
+    return [*null, *single, *strange, Spec("F7", 0, noise="scale_1.5", design="six_sessions")]

@@ -132,10 +132,10 @@ def made(tmp_path, with_effects):
     ("hidden", "electrode", "place", "inputs"),
     [
         (AtDrive(), True, "drive", {"frequency_hz"}),
-        (AtStack(), True, "stack", {"frequency_hz"}),
-        (AtGap(), True, "air gap", {"speed_m_s"}),
-        (AtContact(), True, "contact", {"normal_force_n"}),
-        (AtFriction(), True, "friction", {"speed_m_s"}),
+        pytest.param(AtStack(), True, "stack", {"frequency_hz"}, marks=pytest.mark.soak),  # long: 10 s each
+        pytest.param(AtGap(), True, "air gap", {"speed_m_s"}, marks=pytest.mark.soak),
+        pytest.param(AtContact(), True, "contact", {"normal_force_n"}, marks=pytest.mark.soak),
+        pytest.param(AtFriction(), True, "friction", {"speed_m_s"}, marks=pytest.mark.soak),
         (AtGap(), False, "air gap", {"speed_m_s"}),
         (AtFriction(), False, "friction", {"speed_m_s"}),
     ],
