@@ -57,9 +57,10 @@ def run(
     from haptic_driver.daemon.quiet_log import OncePerSecond  # noqa: PLC0415
     from haptic_driver.daemon.run import Links, run_daemon  # noqa: PLC0415  (the web server is slow to import)
 
-    place = Address.of(socket).path
+    address = Address.of(socket)
+    place = address.path
     if place is None:
-        raise BadInputError("no_place", f"a daemon does not listen at {socket}", "Give a path as --socket, and --port")
+        raise BadInputError("no_place", f"a daemon does not listen at {address}", "Give a path as --socket, and --port")
 
     def announce(socket: Path, page: str | None) -> None:
         report(as_json, {"socket": str(socket), "page": page}, lambda: _show(rig, socket, page))
