@@ -19,8 +19,7 @@ from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing, contextmanager
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
-from socket import AF_UNIX, SOCK_STREAM
-from socket import socket as unix_socket
+from socket import socket as Line  # noqa: N812  (arguments are called socket)
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, TypeVar
 from urllib.parse import urlencode
@@ -28,8 +27,8 @@ from urllib.parse import urlencode
 from pydantic import BaseModel, ValidationError
 
 from haptic_driver.daemon import verbs
+from haptic_driver.daemon.address import Address
 from haptic_driver.daemon.messages import LEASE_HEADER, ErrorReport, Lease, Marked, RefusedError, StateFrame, Status
-from haptic_driver.daemon.place import default_socket
 from haptic_driver.daemon.verbs import Answer, Asked, Verb
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.recording.event import Event
@@ -40,7 +39,6 @@ if TYPE_CHECKING:  # `haptic status` waits neither for numpy nor for WebSockets
 
 TIMEOUT_S = 10.0  # switching off waits for a slow instrument
 RENEWALS_PER_LEASE = 4
-HOST = "haptic"  # the socket says where; HTTP wants a name all the same
 
 Schema = TypeVar("Schema", bound=BaseModel)
 
@@ -54,16 +52,16 @@ class LeaseLostError(RefusedError):
 
 
 class HapticClient:
-    """One daemon, by its socket (else that of `HAPTIC_SOCKET`, else the usual one); NoDaemonError when nobody listens.
+    """One daemon, by its socket or the address of its page (else `HAPTIC_SOCKET`, else the usual socket).
 
     Methods may be called from several threads. Every method raises what the daemon refuses: BadInputError for what
     cannot be used, RefusedError for what cannot be done in its present state, NoDaemonError when it does not answer,
     HapticError for a fault.
     """
 
-    def __init__(self, socket: Path | None = None) -> None:
-        self.socket = socket if socket is not None else default_socket()
-        self._connected().close()
+    def __init__(self, socket: Path | str | None = None) -> None:
+        self.address = Address.of(socket)
+        self._line().close()
 
     def close(self) -> None:
         """Nothing is left open between requests; what the daemon does is not changed by it."""
@@ -163,15 +161,17 @@ class HapticClient:
             path += "?" * bool(said) + urlencode(said)
         elif said:
             content = _checked(verb.asked, said).model_dump_json().encode()
-        headers = {"Content-Type": "application/json"} | ({} if token is None else {LEASE_HEADER: token})
-        with closing(self._connected()) as connection:
+        headers = self._credentials | {"Content-Type": "application/json"}
+        headers |= {} if token is None else {LEASE_HEADER: token}
+        with closing(HTTPConnection(self.address.authority)) as connection:
+            connection.sock = self._line()
             try:
                 connection.request(verb.method, path, content, headers)
                 response = connection.getresponse()
                 answer = response.read()
             except (OSError, HTTPException) as error:
                 raise NoDaemonError(
-                    "no_answer", f"the daemon at {self.socket} does not answer ({error})", "look at its log"
+                    "no_answer", f"the daemon at {self.address} does not answer ({error})", "look at its log"
                 ) from error
         if response.status >= 400:
             raise _error_of(response.status, answer)
@@ -179,10 +179,11 @@ class HapticClient:
 
     def _stream(self, path: str, schema: type[Schema]) -> Generator[Schema, None, None]:
         from websockets.exceptions import ConnectionClosed, WebSocketException  # noqa: PLC0415
-        from websockets.sync.client import unix_connect  # noqa: PLC0415
+        from websockets.sync.client import connect  # noqa: PLC0415
 
         try:
-            with unix_connect(str(self.socket), f"ws://{HOST}{path}") as messages:
+            where = f"ws://{self.address.authority}{path}"
+            with connect(where, sock=self._line(None), additional_headers=self._credentials) as messages:
                 while True:
                     yield _understood(schema, messages.recv())
         except ConnectionClosed:
@@ -190,22 +191,21 @@ class HapticClient:
         except (OSError, WebSocketException) as error:
             raise self._no_daemon() from error
 
-    def _connected(self) -> HTTPConnection:
-        line = unix_socket(AF_UNIX, SOCK_STREAM)
-        line.settimeout(TIMEOUT_S)
+    @property
+    def _credentials(self) -> dict[str, str]:
+        return {"Authorization": f"Bearer {self.address.token}"} if self.address.token else {}
+
+    def _line(self, timeout_s: float | None = TIMEOUT_S) -> Line:
         try:
-            line.connect(str(self.socket))
+            line = self.address.connected(TIMEOUT_S)
         except OSError as error:
-            line.close()
             raise self._no_daemon() from error
-        connection = HTTPConnection(HOST)
-        connection.sock = line
-        return connection
+        line.settimeout(timeout_s)
+        return line
 
     def _no_daemon(self) -> NoDaemonError:
-        return NoDaemonError(
-            "no_daemon", f"no daemon answers at {self.socket}", "start one: haptic daemon run --rig simulated"
-        )
+        hint = "start one: haptic daemon run --rig simulated; or give HAPTIC_SOCKET the address of its page"
+        return NoDaemonError("no_daemon", f"no daemon answers at {self.address}", hint)
 
 
 class Session:
@@ -241,7 +241,7 @@ class Session:
         if self.lost is not None:
             raise self.lost
         if not answered:
-            raise NoDaemonError("no_answer", f"the daemon at {self._client.socket} does not answer", "look at its log")
+            raise NoDaemonError("no_answer", f"the daemon at {self._client.address} does not answer", "look at its log")
 
     def wait_lost(self, timeout_s: float) -> bool:
         """Wait until the lease is lost, at most so long; whether it is."""

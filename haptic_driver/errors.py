@@ -19,6 +19,8 @@ class HapticError(Exception):
         self.code = code
         self.message = message
         self.hint = hint
+        if hint:
+            self.add_note(f"hint: {hint}")  # what a traceback shows below the message
 
     @property
     def content(self) -> dict[str, str]:

@@ -16,6 +16,11 @@ UNITS = {
     "_n": "N",
     "_m": "m",
     "_s": "s",
+    "_rad": "rad",
+    "electrode_voltage": "V",
+    "current": "A",
+    "_pct": "%",
+    "_c": "°C",
 }  # longer ones first
 
 

@@ -6,6 +6,8 @@ commands in running text, must be understood by the program's own parser. Target
 
 from __future__ import annotations
 
+import ast
+import json
 import os
 import re
 import shlex
@@ -13,17 +15,21 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import httpx
 import pytest
 import typer
 
 from haptic_driver.cli.main import GROUPS, build_app, main
+from haptic_driver.client import HapticClient
 from haptic_driver.config import find_config
+from haptic_driver.daemon.messages import DaemonState
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -144,7 +150,7 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]
         assert "is ready at" in process.stdout.readline(), (home / "log").read_text()
         page = process.stdout.readline().partition("page, for you alone: ")[2].strip()
         assert "<title>" in httpx.get(page, timeout=HANG_S, trust_env=False).text
-        yield environment
+        yield environment | {"PAGE": page}
         process.send_signal(signal.SIGINT)
         assert process.wait(HANG_S) == 0, (home / "log").read_text()
 
@@ -213,6 +219,117 @@ def test_requests_by_curl_run_as_shown(daemon: dict[str, str]) -> None:
     assert token != "TOKEN"
 
 
+# --- notebooks, other languages and programs -------------------------------------------------------------------
+
+
+NOTEBOOKS = sorted((ROOT / "examples").glob("*.ipynb"))
+RECIPES = ROOT / "docs" / "recipes.md"
+
+
+@pytest.fixture
+def lab(daemon: dict[str, str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[dict[str, str]]:
+    """Somebody at a desk beside that daemon; nobody is armed before or after."""
+    monkeypatch.delenv("HAPTIC_SOCKET", raising=False)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", daemon["XDG_RUNTIME_DIR"])
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    monkeypatch.chdir(tmp_path)
+    yield daemon
+    with HapticClient() as client:
+        assert client.status().state is DaemonState.IDLE
+
+
+@pytest.mark.usefixtures("lab")
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs_to_its_end_and_is_kept_without_its_outputs(path: Path) -> None:
+    said: dict[str, Any] = {}
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        if cell["cell_type"] == "code":
+            assert (cell["outputs"], cell["execution_count"]) == ([], None)
+            exec(compile("".join(cell["source"]), cell["id"], "exec"), said)
+    expected = {
+        "first_touch": lambda: said["client"].status().output_on is False and len(said["ticks"]) > 500,
+        "own_texture": lambda: said["made"].name == "waves.toml",
+        "experiment": lambda: said["low"] < 0.12 < said["high"],
+        "diagnosis": lambda: "humid_gap_conduction" in [c["name"] for c in said["said"]["alternatives"][:3]],
+    }
+    assert expected[path.stem]()
+
+
+@pytest.mark.usefixtures("lab")
+def test_the_recipe_for_psychopy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against a made PsychoPy: a window that shows nothing and a participant who says yes."""
+    psychopy = MagicMock()
+    psychopy.core.wait = time.sleep
+    psychopy.event.waitKeys.return_value = ["y"]
+    monkeypatch.setitem(sys.modules, "psychopy", psychopy)
+    (code,) = [block for block in blocks_as_they_are("python") if "psychopy" in block]
+    exec(code, {})
+    with HapticClient() as client:
+        marked = [event for event in client.events() if event.kind == "marker"][-4:]
+    assert [event.message for event in marked] == ["shown", "answer"] * 2
+    assert marked[-1].data == {"trial": 1, "answer": "y"}
+
+
+def test_the_recipe_for_javascript(lab: dict[str, str]) -> None:
+    if (node := shutil.which("node")) is None:
+        pytest.skip("no node")
+    (code,) = blocks_as_they_are("js")
+    words = [node, "--experimental-websocket", "--no-warnings", "--input-type=module", "--eval", at_the_page(lab, code)]
+    environment = lab | {"HAPTIC_TOKEN": page_of(lab).params["token"]}
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=HANG_S, check=False)
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r"(\w+ 0\.6 \S+\n){10}", done.stdout)
+
+
+@pytest.mark.parametrize("mark", ["matlab", "csharp"])
+def test_what_other_languages_send_is_what_the_daemon_takes(lab: dict[str, str], mark: str) -> None:
+    """Neither runs here; their requests do, in the order in which they stand."""
+    (code,) = blocks_as_they_are(mark)
+    asked = matlab_requests(code) if mark == "matlab" else csharp_requests(code)
+    page = page_of(lab)
+    headers = {"Authorization": f"Bearer {page.params['token']}"}
+    assert [path for path, _ in asked][:2] == ["/arm", "/renew"]
+    with httpx.Client(base_url=page.copy_with(path="/", query=None), trust_env=False, timeout=HANG_S) as http:
+        for path, body in [*asked, ("/disarm", {})]:
+            answer = http.post(path, json=body, headers=headers)
+            assert answer.status_code == 200, (path, answer.text)
+            if path == "/arm":
+                headers["X-Haptic-Lease"] = answer.json()["token"]
+
+
+def matlab_requests(code: str) -> list[tuple[str, dict[str, Any]]]:
+    """Path and body of every `webwrite`; bodies are `struct('name', value, ...)`. Clean-up at the end left out."""
+    found = []
+    for path, fields in re.findall(r"webwrite\(\[base '(/\w+)'\], struct\((.*?)\), options\)", code):
+        values = ast.literal_eval(f"[{fields}]")
+        found.append((path, dict(zip(values[::2], values[1::2], strict=True))))
+    return [one for one in found if one[0] != "/disarm"]
+
+
+def csharp_requests(code: str) -> list[tuple[str, dict[str, Any]]]:
+    """Path and body of every `Ask`, a friction and a texture in place of what is joined to them."""
+    found = []
+    for path, body in re.findall(r'Ask\("(/\w+)", (.*?)(?:, answer.*|\)\);|\);)$', code, flags=re.MULTILINE):
+        text = re.sub(r'" \+ cof.*? \+ "', "0.6", body)
+        text = re.sub(r'" \+ name \+ "', "linen", text)
+        found.append((path, json.loads(ast.literal_eval(text))))
+    return found
+
+
+def blocks_as_they_are(mark: str) -> list[str]:
+    """The fenced blocks of the recipes in one language."""
+    return re.findall(rf"^```{mark}\n(.*?)^```", RECIPES.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+
+
+def page_of(lab: dict[str, str]) -> httpx.URL:
+    return httpx.URL(lab["PAGE"])
+
+
+def at_the_page(lab: dict[str, str], code: str) -> str:
+    assert "127.0.0.1:8470" in code
+    return code.replace("127.0.0.1:8470", page_of(lab).netloc.decode())
+
+
 # --- everything else is understood -----------------------------------------------------------------------------
 
 
@@ -240,6 +357,16 @@ def understood(program: Any, line: str) -> bool:
 def test_commands_that_are_only_shown_are_understood(page: Path, program: Any) -> None:
     for line in commands(page, "text"):
         assert understood(program, line), line
+
+
+def test_the_container_file_copies_what_is_there_and_runs_a_command_that_is_understood(program: Any) -> None:
+    text = (ROOT / "deploy" / "Containerfile").read_text(encoding="utf-8")
+    copied = [word for line in re.findall(r"^COPY (.*) \S+$", text, flags=re.MULTILINE) for word in line.split()]
+    assert {"setup.py", "configs", "haptic_driver"} <= set(copied)
+    assert [name for name in copied if not (ROOT / name).exists()] == []
+    (command,) = re.findall(r"exec (haptic [^\"]+)", text)
+    assert command == SERVED
+    assert understood(program, command)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)

@@ -16,15 +16,10 @@ SAID = {
     "2_find_an_operating_point": r"friction 0\.600 at \d+ Hz and \d+\.\d V peak",
     "3_render_a_slide": r"within 5 % of target: (9\d|100)% .*\n.*generator says off",
     "4_calibrate_a_finger": r"skin_thickness_m +0\.00016\d* m, .*\n",
-    "5_diagnose_a_file": r"verdict: (ambiguous|effect_found)\n  series_resistance",
-    "6_talk_to_the_daemon": r"rendering at .* V, simulated: True\noutput on: False",
 }
-SLOW = {"5_diagnose_a_file"}  # `haptic diagnose` itself runs in tests/haptic_driver/cli
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.soak) if name in SLOW else name for name in SAID]
-)
+@pytest.mark.parametrize("name", SAID)
 def test_it_runs_and_says_what_it_should(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(EXAMPLES / f"{name}.py"))

@@ -11,7 +11,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.text import Text
@@ -19,8 +18,8 @@ from typer import Argument, Option
 
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, named, report, signals_to, stdout
-from haptic_driver.daemon.place import default_socket
-from haptic_driver.daemon.private_file import write_private
+from haptic_driver.daemon.address import Address
+from haptic_driver.daemon.private_file import private_folder, write_private
 from haptic_driver.errors import BadInputError, HapticError
 
 if TYPE_CHECKING:
@@ -49,20 +48,20 @@ def arm(
     Example: `haptic arm --for 60`
     """
     if detach:
-        held = _detached(_socket(socket), lease_s, for_s)
+        held = _detached(socket, lease_s, for_s)
         report(as_json, held, lambda: stdout.print(f"{held['state']}; disarm with: haptic disarm"))
         return
     from haptic_driver.client import LeaseLostError  # noqa: PLC0415  (HTTP is slow to import)
     from haptic_driver.daemon.messages import RefusedError  # noqa: PLC0415
 
     # SIGTERM and a closed terminal end it as Ctrl-C does, which also ends it where a script ignores it.
-    as_ctrl_c = signals_to(signal.default_int_handler, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    as_ctrl_c = signals_to(signal.default_int_handler)
     holder = f"haptic arm, process {os.getpid()}"
     with client_of(socket) as client:
         try:
-            with client.armed(lease_s, holder) as session, _lease_file(client.socket, session.token), as_ctrl_c:
+            with client.armed(lease_s, holder) as session, _lease_file(client.address, session.token), as_ctrl_c:
                 session.wait_held()
-                held = {"state": "armed", "lease_s": lease_s, "token_file": str(_token_path(client.socket))}
+                held = {"state": "armed", "lease_s": lease_s, "token_file": str(client.address.lease_file)}
                 report(as_json, held, lambda: stdout.print(f"armed, lease {lease_s:g} s; Ctrl-C disarms"))
                 with suppress(KeyboardInterrupt):  # the usual end
                     _hold(client, session, for_s, while_pid, tell=not as_json)
@@ -71,7 +70,7 @@ def arm(
         except RefusedError as refused:
             if refused.code != "already_armed" or (lease := _held_already(client)) is None:
                 raise
-            held = {"state": ALREADY, "lease_s": lease.lease_s, "token_file": str(_token_path(client.socket))}
+            held = {"state": ALREADY, "lease_s": lease.lease_s, "token_file": str(client.address.lease_file)}
             said = f"{ALREADY}, by an earlier haptic arm of yours; lease {lease.lease_s:g} s"
             report(as_json, held, lambda: stdout.print(said))
 
@@ -93,7 +92,7 @@ def set_target(
     if not 0.0 < cof <= HIGHEST_ASKED_COF:
         hint = f"Give a coefficient of friction above 0, at most {HIGHEST_ASKED_COF:g}, such as 0.6"
         raise BadInputError("out_of_range", f"friction {cof:g} is out of range", hint)
-    ask(socket, as_json, lambda client: client.set(_token(client.socket), cof, nearest=nearest))
+    ask(socket, as_json, lambda client: client.set(_token(client.address), cof, nearest=nearest))
 
 
 def off(socket: SocketOption = None, as_json: Json = False) -> None:
@@ -140,66 +139,36 @@ def reset(socket: SocketOption = None, as_json: Json = False) -> None:
     ask(socket, as_json, lambda client: client.reset())
 
 
-def play(name: str, nearest: bool, socket: Path | None, as_json: bool) -> None:
+def play(name: str, nearest: bool, socket: str | None, as_json: bool) -> None:
     """`haptic texture play`."""
-    ask(socket, as_json, lambda client: client.play(_token(client.socket), name, nearest=nearest))
+    ask(socket, as_json, lambda client: client.play(_token(client.address), name, nearest=nearest))
 
 
 def show_status(status: Status) -> None:
     """The status for a person."""
-    on = {True: ("ON", "bold red"), False: ("off", ""), None: ("UNKNOWN", "bold red")}[status.output_on]
-    rig = f"; rig {status.rig}{' (simulated)' if status.simulated else ''}, by {status.actuator}"
-    stdout.print(Text.assemble((status.state, "bold"), ", output ", on, rig, f"; model {status.model}"))
-    asked = status.texture or ("nothing" if status.target_cof is None else f"friction {status.target_cof:.3g}")
-    low, high = status.reachable_cof
-    measured = number(status.measured_cof, ".3f")
-    stdout.print(f"  asked {asked}; measured {measured}; within reach {low:.2f} to {high:.2f}")
-    stdout.print(f"  commanded {number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak")
-    missed = f"{status.overruns} overruns, {status.underruns} underruns"
-    stdout.print(f"  {status.ticks} ticks, {missed}; flags: {', '.join(status.flags) or 'none'}")
-    if status.timing.last_cause is not None:
-        stdout.print(f"  {number(status.timing.in_time, '.0%')} of the last ticks in time; {status.timing.last_cause}")
-    if status.lease_holder is not None:
-        stdout.print(Text(f"  lease held by {status.lease_holder}"))
-    if status.fault is not None:
-        stdout.print(Text.assemble("  ", ("fault:", "bold red"), f" {status.fault}"))
-    if status.recording is not None:
-        stdout.print(f"  recording into {status.recording}")
-    if status.recording_fault is not None:
-        stdout.print(Text.assemble("  ", ("recording:", "bold red"), f" {status.recording_fault}"))
+    said = Text(str(status))
+    said.highlight_regex(r"(?<=output )(ON|UNKNOWN)|fault:", "bold red")
+    stdout.print(said)
 
 
-def number(value: float | None, form: str) -> str:
-    """A number that may be missing."""
-    return "-" if value is None else format(value, form)
-
-
-def ask(socket: Path | None, as_json: bool, of: Callable[[HapticClient], Status]) -> None:
+def ask(socket: str | None, as_json: bool, of: Callable[[HapticClient], Status]) -> None:
     """Ask one thing of the daemon, and show the status that it answers."""
     with client_of(socket) as client:
         status = of(client)
     report(as_json, status.model_dump(mode="json"), lambda: show_status(status))
 
 
-def client_of(socket: Path | None) -> HapticClient:
+def client_of(socket: str | None) -> HapticClient:
     """A client of the daemon at a socket, by default the usual one."""
     from haptic_driver.client import HapticClient  # noqa: PLC0415  (HTTP is slow to import)
 
-    return HapticClient(_socket(socket))
+    return HapticClient(socket)
 
 
-def _socket(socket: Path | None) -> Path:
-    return socket if socket is not None else default_socket()
-
-
-def _token_path(socket: Path) -> Path:
-    return socket.with_name(socket.name + ".lease")
-
-
-def _token(socket: Path) -> str:
+def _token(address: Address) -> str:
     """What `haptic arm` left for the other commands."""
     try:
-        return _token_path(socket).read_text().strip()
+        return address.lease_file.read_text().strip()
     except OSError:
         said = "nobody has armed with `haptic arm`"
         raise HapticError("not_armed", said, "haptic arm in another terminal, or haptic arm --detach") from None
@@ -208,14 +177,15 @@ def _token(socket: Path) -> str:
 def _held_already(client: HapticClient) -> Lease | None:
     """The lease that an earlier `haptic arm` of this user holds; None where somebody else does."""
     try:
-        return client.renew(_token(client.socket))
+        return client.renew(_token(client.address))
     except HapticError:
         return None
 
 
 @contextmanager
-def _lease_file(socket: Path, token: str) -> Iterator[None]:
-    path = _token_path(socket)
+def _lease_file(address: Address, token: str) -> Iterator[None]:
+    path = address.lease_file
+    private_folder(path.parent)
     write_private(path, token + "\n")
     try:
         yield
@@ -254,10 +224,11 @@ def _lives(pid: int) -> bool:
     return True
 
 
-def _detached(socket: Path, lease_s: float, for_s: float | None) -> dict[str, Any]:
+def _detached(socket: str | None, lease_s: float, for_s: float | None) -> dict[str, Any]:
     """Have a process of its own hold the lease for as long as our caller lives; what it said once armed."""
     command = [sys.executable, "-c", "from haptic_driver.cli.main import run; run()", "arm", "--json"]
-    command += ["--socket", str(socket.absolute()), "--lease", str(lease_s), "--while-pid", str(os.getppid())]
+    command += ["--lease", str(lease_s), "--while-pid", str(os.getppid())]
+    command += [] if socket is None else ["--socket", socket]
     command += [] if for_s is None else ["--for", str(for_s)]
     holder = subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True

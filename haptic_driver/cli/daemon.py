@@ -10,12 +10,16 @@ import typer
 from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
+from haptic_driver.daemon.address import Address
+from haptic_driver.errors import BadInputError
 
 app = typer.Typer(no_args_is_help=True, help="Run the daemon.")
 SocketOption = Annotated[
-    Path | None,
+    str | None,
     Option(
-        "--socket", envvar="HAPTIC_SOCKET", help="Where the daemon listens; by default in a private folder of yours."
+        "--socket",
+        envvar="HAPTIC_SOCKET",
+        help="Where the daemon listens, by default in a private folder of yours; or the address of its page.",
     ),
 ]
 
@@ -53,13 +57,18 @@ def run(
     from haptic_driver.daemon.quiet_log import OncePerSecond  # noqa: PLC0415
     from haptic_driver.daemon.run import Links, run_daemon  # noqa: PLC0415  (the web server is slow to import)
 
+    address = Address.of(socket)
+    place = address.path
+    if place is None:
+        raise BadInputError("no_place", f"a daemon does not listen at {address}", "Give a path as --socket, and --port")
+
     def announce(socket: Path, page: str | None) -> None:
         report(as_json, {"socket": str(socket), "page": page}, lambda: _show(rig, socket, page))
 
     handler = logging.StreamHandler()
     handler.addFilter(OncePerSecond())
     logging.basicConfig(format="%(asctime)s %(name)s: %(message)s", level=logging.INFO, handlers=[handler])
-    return run_daemon(rig, socket, model, allow_no_rt, port, Links(lsl, osc, lsl_markers), announce)
+    return run_daemon(rig, place, model, allow_no_rt, port, Links(lsl, osc, lsl_markers), announce)
 
 
 def _show(rig: str, socket: Path, page: str | None) -> None:

@@ -26,6 +26,7 @@ from haptic_driver.simulation.slide import Score, SlideRecord, render_slide, sco
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.file import SurfaceFile, read_surface
 from haptic_driver.surface.models import load_model
+from haptic_driver.textures.bands import LEAST_COF
 from haptic_driver.textures.library import load_texture
 from model.description import ModelDescription
 from model.touch_model import TouchModel
@@ -105,12 +106,25 @@ def _show(record: SlideRecord, result: Score, slide: Slide, texture: str, pictur
         f"contact {result.contact_time_s:.2f} s, of which sliding {result.sliding_time_s:.2f} s; "
         f"target reachable {result.reachable_share:.1%}; friction error {result.cof_error_rms:.4f} rms"
     )
+    stdout.print(_bands(result))
     stdout.print(
         f"highest voltage {result.max_voltage_v:.1f} V peak; output on without contact "
         f"{result.output_on_without_contact_s:.3f} s; refused by the safety gate {record.rejections}"
     )
     stdout.print(f"output at the end: {record.off}")
     stdout.print(f"picture: {picture}")
+
+
+def _bands(result: Score) -> str:
+    """How the roughness came out, by its bands."""
+    asked = [band for band in result.bands if band["asked_cof_rms"] > LEAST_COF]
+    if math.isnan(result.band_error):
+        return f"roughness: nothing is asked for in the bands from {result.bands[0]['low_hz']:g} Hz on"
+    felt = ", ".join(
+        f"{band['felt_cof_rms'] / band['asked_cof_rms']:.0%} at {band['low_hz']:.3g} to {band['high_hz']:.3g} Hz"
+        for band in asked
+    )
+    return f"roughness felt of what is asked for: {felt}; off by {result.band_error:.1%} over all bands"
 
 
 def _table(record: SlideRecord) -> Table:

@@ -68,7 +68,7 @@ def run(
         check_textures(experiment, client.textures())
         about = _about(experiment, client)
         answering = _participant(experiment, client, files, simulated)
-        as_ctrl_c = signals_to(signal.default_int_handler, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        as_ctrl_c = signals_to(signal.default_int_handler)
         with as_ctrl_c, client.armed(LEASE_S) as held, _recorded(client, files, record):
             done = run_session(experiment, files, DaemonApparatus(client, held, files.beh), answering, about)
     payload = done._asdict() | {

@@ -119,8 +119,9 @@ def status(what: str) -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def signals_to(handler: Callable[[int, FrameType | None], object], *numbers: signal.Signals) -> Iterator[None]:
-    """Meanwhile these signals go to `handler`; afterwards to whom they went before."""
+def signals_to(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+    """Meanwhile what ends a program goes to `handler`; afterwards to whom it went before."""
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
     before = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import threading
 import time
 from functools import partial
@@ -39,7 +38,7 @@ def simulate(
         raise BadInputError("not_simulated", f"rig {config.name} is not simulated", "Name one that is, e.g. simulated")
     touch = TouchModel(load_model(config.simulation.model or model))
     ended = threading.Event()
-    ending = signals_to(lambda number, frame: ended.set(), signal.SIGINT, signal.SIGTERM)
+    ending = signals_to(lambda number, frame: ended.set())
     with ending, _served(config, touch, port) as served:
         report(as_json, {"endpoints": served.endpoints}, partial(_show, served.endpoints))
         before_s = time.monotonic()

@@ -15,9 +15,10 @@ from rich.table import Table
 from rich.text import Text
 from typer import Option
 
-from haptic_driver.cli.control import client_of, number
+from haptic_driver.cli.control import client_of
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, stdout
+from haptic_driver.daemon.messages import number
 
 if TYPE_CHECKING:
     from haptic_driver.daemon.messages import StateFrame

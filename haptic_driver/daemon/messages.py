@@ -26,6 +26,11 @@ Column = list[float | int | None]
 Since = Annotated[int, Field(ge=0, le=MOST_COUNT, description="Only what comes after this number.")]
 
 
+def number(value: float | None, form: str) -> str:
+    """A number that may be missing, for a person."""
+    return "-" if value is None else format(value, form)
+
+
 class RefusedError(HapticError):
     """The daemon is not in a state to do this; nothing was changed."""
 
@@ -89,6 +94,27 @@ class Status(Checked):
     surface_hash: str
     recording: str | None  # the file; None also while a recording waits for space
     recording_fault: str | None  # why a part of the present recording is missing
+
+    def __str__(self) -> str:
+        """For a person."""
+        on = {True: "ON", False: "off", None: "UNKNOWN"}[self.output_on]
+        simulated = " (simulated)" if self.simulated else ""
+        asked = self.texture or ("nothing" if self.target_cof is None else f"friction {self.target_cof:.3g}")
+        low, high = self.reachable_cof
+        missed = f"{self.overruns} overruns, {self.underruns} underruns"
+        lines = [
+            f"{self.state}, output {on}; rig {self.rig}{simulated}, by {self.actuator}; model {self.model}",
+            f"asked {asked}; measured {number(self.measured_cof, '.3f')}; within reach {low:.2f} to {high:.2f}",
+            f"commanded {number(self.frequency_hz, '.4g')} Hz, {number(self.voltage_v, '.4g')} V peak",
+            f"{self.ticks} ticks, {missed}; flags: {', '.join(self.flags) or 'none'}",
+        ]
+        if self.timing.last_cause is not None:
+            lines.append(f"{number(self.timing.in_time, '.0%')} of the last ticks in time; {self.timing.last_cause}")
+        said = {"lease held by": self.lease_holder, "fault:": self.fault, "recording into": self.recording}
+        said["recording fault:"] = self.recording_fault
+        return "\n  ".join([*lines, *(f"{what} {it}" for what, it in said.items() if it is not None)])
+
+    __repr__ = __str__  # what a notebook shows
 
 
 class Lease(Checked):

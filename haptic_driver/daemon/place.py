@@ -6,22 +6,11 @@ import fcntl
 import os
 import socket
 import stat
-import tempfile
 from contextlib import suppress
 from pathlib import Path
 
+from haptic_driver.daemon.private_file import private_folder
 from haptic_driver.errors import HapticError
-
-SOCKET_NAME = "daemon.sock"
-
-
-def default_socket() -> Path:
-    """Where the daemon listens: as `HAPTIC_SOCKET` says, else in a private folder of this user."""
-    if named := os.environ.get("HAPTIC_SOCKET"):
-        return Path(named)
-    runtime = os.environ.get("XDG_RUNTIME_DIR")
-    folder = Path(runtime) / "haptic" if runtime else Path(tempfile.gettempdir()) / f"haptic-{os.getuid()}"
-    return folder / SOCKET_NAME
 
 
 class Place:
@@ -34,7 +23,7 @@ class Place:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._bound = path.with_name(f".{path.name}")  # a second name: the first may be deleted
-        _private_folder(path.parent)
+        private_folder(path.parent)
         try:
             flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW  # no link of somebody else's
             self._lock = os.open(path.with_name(path.name + ".lock"), flags, 0o600)
@@ -91,16 +80,3 @@ class Place:
 
 def _no_socket(path: Path, error: OSError) -> HapticError:
     return HapticError("no_socket", f"{path}: cannot listen there ({error})", "choose another --socket, a short path")
-
-
-def _private_folder(folder: Path) -> None:
-    """Make it with mode 0700; refuse the folder of somebody else, who could replace what is in it."""
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        owner = folder.stat()
-    except OSError as error:
-        raise HapticError("no_folder", f"{folder}: cannot be made ({error})", "choose another --socket") from error
-    shared_by_others = owner.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not owner.st_mode & stat.S_ISVTX
-    if owner.st_uid not in (os.getuid(), 0) or shared_by_others:
-        said = f"{folder}: others may write there"
-        raise HapticError("folder_not_private", said, f"chmod 700 {folder}, or choose another --socket")

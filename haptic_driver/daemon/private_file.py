@@ -1,9 +1,10 @@
-"""Small files that only this user can read: tokens."""
+"""Small files that only this user can read, tokens, and folders that nobody else can write to."""
 
 from __future__ import annotations
 
 import os
 import secrets
+import stat
 from pathlib import Path
 
 from haptic_driver.errors import HapticError
@@ -19,3 +20,18 @@ def write_private(path: Path, text: str) -> None:
     except OSError as error:
         draft.unlink(missing_ok=True)
         raise HapticError("not_written", f"{path}: cannot be written ({error})", "choose another --socket") from error
+
+
+def private_folder(folder: Path) -> None:
+    """Make it with mode 0700; refuse the folder of somebody else, who could replace what is in it."""
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        owner = folder.stat()
+    except OSError as error:
+        raise HapticError("no_folder", f"{folder}: cannot be made ({error})", "choose another --socket") from error
+    if not hasattr(os, "getuid"):
+        return  # Windows: who may read is not in the mode, and temporary folders are the user's own
+    shared_by_others = owner.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not owner.st_mode & stat.S_ISVTX
+    if owner.st_uid not in (os.getuid(), 0) or shared_by_others:
+        said = f"{folder}: others may write there"
+        raise HapticError("folder_not_private", said, f"chmod 700 {folder}, or choose another --socket")

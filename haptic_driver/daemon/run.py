@@ -14,7 +14,7 @@ from typing import NamedTuple
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.inlets import LslMarkers, hearing
 from haptic_driver.daemon.outlets import LslOutlet, OscOutlet, Outlet, feeding
-from haptic_driver.daemon.place import Place, default_socket
+from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.service import as_service
 from haptic_driver.daemon.set_up import DaemonSettings, daemon_settings
 from haptic_driver.daemon.web.server import listen, serve
@@ -39,7 +39,7 @@ class Links(NamedTuple):
 
 def run_daemon(
     rig: str,
-    socket: Path | None,
+    socket: Path,
     model: str,
     allow_no_rt: bool,
     tcp_port: int | None,
@@ -57,7 +57,7 @@ def run_daemon(
     if tcp_port is not None:
         listen(tcp_port).close()  # one that is taken is told now, not after seconds
     take_precedence()
-    place = Place(socket or default_socket())
+    place = Place(socket)
     try:
         with compilation_said("daemon"):
             settings = daemon_settings(rig, model, allow_no_rt=allow_no_rt)

@@ -19,10 +19,13 @@ from math import isfinite, pi, sqrt
 from pathlib import Path
 from typing import Any, Self, TextIO
 
-from haptic_driver.errors import BadInputError
+import numpy as np
+
+from haptic_driver import labelled
+from haptic_driver.errors import BadInputError, optional
 from haptic_driver.experiments.average import Measured
 from haptic_driver.experiments.plan import Row
-from haptic_driver.files import replacing, writing
+from haptic_driver.files import read_text, replacing, writing
 from hw.monitor.contract import ElectrodeReading
 
 SETTING_COLUMNS = (
@@ -147,6 +150,20 @@ def row_texts(
         "measured_normal_force_n": f"{measured.normal_force_n:.6g}",
         "simulated": "true" if simulated else "false",
     }
+
+
+def measured_frame(path: Path) -> Any:
+    """A data file as a pandas DataFrame, with `electrode_voltage` and `current` as complex peak phasors where both
+    amount and phase are there; `attrs` holds `units` and what the sidecar says. HapticError without pandas.
+    """
+    pandas = optional("pandas", "tables", "measured_frame")
+    table = pandas.read_csv(io.StringIO(read_text(path)))
+    for name, amount in (("electrode_voltage", "electrode_voltage_v"), ("current", "current_a")):
+        if {amount, f"{name}_phase_rad"} <= set(table):
+            table[name] = table[amount] * np.exp(1j * table[f"{name}_phase_rad"])
+    sidecar = meta_path(path)
+    about = json.loads(read_text(sidecar)) if sidecar.exists() else {}
+    return labelled.frame(table, about)
 
 
 def meta_path(path: Path) -> Path:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +25,7 @@ def draw_slide(record: SlideRecord, title: str, path: Path) -> None:
     with saved(figure, path, DPI):
         x_mm = 1e3 * record.slide.position_m
         named: set[str] = set()
-        for number, stroke in enumerate(_strokes(record)):
+        for number, stroke in enumerate(record.strokes):
             x, target = x_mm[stroke], record.target_cof[stroke]
             first = number == 0
             friction.fill_between(
@@ -57,7 +56,7 @@ def draw_before_and_after(records: Mapping[str, SlideRecord], path: Path) -> Non
     )
     with saved(figure, path, DPI):
         for axes, (title, record) in zip(panels[0], records.items(), strict=True):
-            for stroke in _strokes(record)[:1]:
+            for stroke in record.strokes[:1]:
                 x, target = 1e3 * record.slide.position_m[stroke], record.target_cof[stroke]
                 band = (1 - WITHIN) * target, (1 + WITHIN) * target
                 axes.fill_between(x, *band, color=TARGET, alpha=0.15, lw=0, label="target ± 5 %")
@@ -69,14 +68,6 @@ def draw_before_and_after(records: Mapping[str, SlideRecord], path: Path) -> Non
         panels[0][0].set(ylabel="coefficient of friction")
         panels[0][0].legend(frameon=False)
         figure.suptitle("friction under a sliding finger (simulated rig)")
-
-
-def _strokes(record: SlideRecord) -> list[np.ndarray[Any, np.dtype[np.intp]]]:
-    """Index ranges of uninterrupted sliding, at least 20 ms long."""
-    sliding = np.concatenate([[False], record.sliding, [False]])
-    edges = np.flatnonzero(np.diff(sliding.astype(int)))
-    ranges = [np.arange(a, b) for a, b in edges.reshape(-1, 2)]
-    return [r for r in ranges if r.size >= 20]
 
 
 def draw_surface(surface: SurfaceFile, normal_force_n: float, path: Path) -> float:

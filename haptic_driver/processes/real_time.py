@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 NICENESS = -10  # of control: weighs ten times an ordinary process
 SWITCH_INTERVAL_S = 5e-4  # of the interpreter's threads; 5 ms where nobody asks
@@ -23,7 +23,7 @@ _LOCK_CURRENT, _LOCK_FUTURE = 1, 2
 _TIMER_ABSTIME = 1
 _BILLION = 1_000_000_000
 
-_libc = ctypes.CDLL(None, use_errno=True)
+_libc: Any = ctypes.CDLL(None, use_errno=True) if os.name == "posix" else None
 
 
 class RealTime(NamedTuple):

@@ -159,6 +159,9 @@ def _usb_instruments() -> Iterator[str]:
 
 def _real_time() -> Checks:
     """Tried and taken back at once, for this process only."""
+    if not hasattr(os, "sched_setscheduler"):
+        yield _warning("real-time scheduling", "this system has none that is known here", "run the daemon on Linux")
+        return
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))

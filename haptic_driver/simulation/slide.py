@@ -17,6 +17,7 @@ from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.slide import TICK_S, Slide, average
 from haptic_driver.signals import SLIDING_M_S, WITHIN, Array, FingerSample, Mask
 from haptic_driver.simulation.rig import SimulatedRig
+from haptic_driver.textures.bands import EDGES_HZ, LEAST_COF, rms_in_bands
 from hw.force.sensor import ForceReading
 
 
@@ -25,14 +26,17 @@ class SlideRecord:
     """One rendered slide: arrays [n], one entry per tick.
 
     `target_cof` is the texture under the finger itself, NaN where it asks for nothing; `measured_cof` the force
-    sensor's, NaN where it was saturated; `voltage_v` and `frequency_hz` what the simulated amplifier and generator
-    really put out; `feedback_gain` the finger's gain as the controller knew it; `rejections` how often the safety gate
-    said no; `off` what was known about the output after the end.
+    sensor's, NaN where it was saturated; `fine_target_cof` and `fine_measured_cof` the same, not averaged over 10 ms;
+    `voltage_v` and `frequency_hz` what the simulated amplifier and generator really put out; `feedback_gain` the
+    finger's gain as the controller knew it; `rejections` how often the safety gate said no; `off` what was known about
+    the output after the end.
     """
 
     slide: Slide
     target_cof: Array
     measured_cof: Array
+    fine_target_cof: Array
+    fine_measured_cof: Array
     voltage_v: Array
     frequency_hz: Array
     in_contact: Mask
@@ -51,6 +55,12 @@ class SlideRecord:
         return np.asarray(self.in_contact & moving & np.isfinite(self.target_cof) & np.isfinite(self.measured_cof))
 
     @property
+    def strokes(self) -> list[slice]:
+        """Uninterrupted sliding, at least 20 ms long."""
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.sliding, [False]]).astype(int)))
+        return [slice(a, b) for a, b in edges.reshape(-1, 2).tolist() if b - a >= 20]
+
+    @property
     def relative_error(self) -> Array:
         """(measured - target)/target per tick."""
         return np.asarray(self.measured_cof / self.target_cof - 1.0)
@@ -61,7 +71,9 @@ class Score:
     """How well one slide was rendered; see `haptic demo --json` for the names.
 
     The shares are of sliding contact time; `share_within_5_percent` counts only reachable targets, NaN without any.
-    While the force sensor is saturated (`saturated_time_s`) friction is unknown, and is not judged.
+    While the force sensor is saturated (`saturated_time_s`) friction is unknown, and is not judged. `bands`: friction
+    asked for and felt (rms) in the bands of frequency that ticks can hold; `band_error`: how far the felt ones are off,
+    all together, as a share of what is asked for; NaN where that is nothing.
     """
 
     share_within_5_percent: float
@@ -72,6 +84,8 @@ class Score:
     max_voltage_v: float
     output_on_without_contact_s: float
     saturated_time_s: float
+    band_error: float
+    bands: list[dict[str, float]]
 
 
 def render_slide(
@@ -109,10 +123,13 @@ def render_slide(
     target = np.asarray(texture.cof_at(slide.position_m, np.zeros(count)), dtype=np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
         measured = np.where(contact & (average(saturated) == 0.0), average(lateral) / average(normal), np.nan)
+        fine = np.where(contact & ~saturated, lateral / normal, np.nan)
     return SlideRecord(
         slide=slide,
         target_cof=average(target),
         measured_cof=measured,
+        fine_target_cof=target,
+        fine_measured_cof=fine,
         voltage_v=voltage,
         frequency_hz=frequency,
         in_contact=contact,
@@ -137,6 +154,8 @@ def score(record: SlideRecord) -> Score:
     sliding = record.sliding
     judged = sliding & record.reachable
     error = record.relative_error[judged]
+    asked, felt = in_bands(record, record.fine_target_cof), in_bands(record, record.fine_measured_cof)
+    roughness = np.sqrt(np.sum(asked**2))
     return Score(
         share_within_5_percent=float(np.mean(np.abs(error) <= WITHIN)) if judged.any() else float("nan"),
         cof_error_rms=float(np.sqrt(np.mean((error * record.target_cof[judged]) ** 2)))
@@ -148,4 +167,21 @@ def score(record: SlideRecord) -> Score:
         max_voltage_v=record.max_voltage_v,
         output_on_without_contact_s=float(((record.voltage_v > 0.0) & record.off_screen).sum() * TICK_S),
         saturated_time_s=float(record.saturated.sum() * TICK_S),
+        band_error=float(np.sqrt(np.sum((felt - asked) ** 2)) / roughness) if roughness > LEAST_COF else float("nan"),
+        bands=[
+            {"low_hz": low, "high_hz": high, "asked_cof_rms": a, "felt_cof_rms": f}
+            for low, high, a, f in zip(
+                EDGES_HZ[:-1].tolist(), EDGES_HZ[1:].tolist(), asked.tolist(), felt.tolist(), strict=False
+            )
+        ],
     )
+
+
+def in_bands(record: SlideRecord, cof: Array) -> Array:
+    """Root mean square of friction [n] over all strokes, in the bands below half the rate of ticks."""
+    whole = int(np.sum(EDGES_HZ[1:] <= 0.5 / TICK_S))
+    square = np.zeros(whole)
+    strokes = [stroke for stroke in record.strokes if np.isfinite(cof[stroke]).all()]
+    for stroke in strokes:
+        square += cof[stroke].size * rms_in_bands(cof[stroke], TICK_S, 1.0)[:whole] ** 2
+    return np.asarray(np.sqrt(square / max(sum(cof[stroke].size for stroke in strokes), 1)))

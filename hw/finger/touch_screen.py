@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import fcntl
 import math
 import os
 import struct
@@ -310,6 +309,8 @@ def open_touch_reports(path: str) -> TouchReports:
     Needs the package evdev. Raises DeviceError, DeviceDisconnected or BadReply.
     """
     try:
+        import fcntl  # noqa: PLC0415 - not on Windows
+
         import evdev  # noqa: PLC0415 - optional
     except ImportError as error:
         raise DeviceError(

@@ -6,7 +6,6 @@ import os
 import select
 import tempfile
 import threading
-import tty
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -58,6 +57,8 @@ class SerialServer(Running):
 
     def _plug_in(self) -> None:
         # The terminal's own end stays open here, so that the controller sees no end of file between two clients.
+        import tty  # noqa: PLC0415 - not on Windows
+
         self._controller, self._terminal = os.openpty()
         tty.setraw(self._terminal)
         os.set_blocking(self._controller, False)

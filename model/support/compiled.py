@@ -66,5 +66,6 @@ def in_slices(work: Callable[[slice], None], count: int) -> None:
     if len(slices) < 2:
         work(slice(0, count))
         return
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    with ThreadPoolExecutor(cores) as threads:
         list(threads.map(work, slices))

@@ -17,6 +17,8 @@ def made_record(count=100, **changed):
         "slide": Slide("by hand", time, 0.05 * time, np.full(count, 0.5)),
         "target_cof": np.full(count, 0.6),
         "measured_cof": np.full(count, 0.6),
+        "fine_target_cof": np.full(count, 0.6),
+        "fine_measured_cof": np.full(count, 0.6),
         "voltage_v": np.full(count, 70.0),
         "frequency_hz": np.full(count, 250.0),
         "in_contact": np.ones(count, bool),

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import closing
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 
@@ -58,6 +59,30 @@ def test_a_client_without_a_socket_finds_the_one_of_the_environment(socket, monk
     monkeypatch.setenv("HAPTIC_SOCKET", str(socket))
     with HapticClient() as client:
         assert client.status().state is DaemonState.IDLE
+
+
+def test_the_pages_address_reaches_the_daemon_as_its_socket_does(control, tmp_path, monkeypatch):
+    """Through an SSH tunnel, and from where Python has no Unix sockets."""
+    with serving(control, tmp_path, 0) as url, closing(HapticClient(url)) as client:
+        monkeypatch.setenv("HAPTIC_SOCKET", url)
+        with HapticClient().armed(LONG_S) as session:
+            session.set(0.6)
+            assert "rendering, output ON; rig bench (simulated)" in repr(client.status())
+        with closing(client.watch()) as frames:
+            assert next(frames).status.output_on is False
+        assert client.events()
+        stranger = HapticClient(url[:-4])
+        with pytest.raises(HapticError, match="needs the token"):
+            stranger.status()
+    with pytest.raises(NoDaemonError, match=r"no daemon answers at http://127\.0\.0\.1:\d+$"):
+        HapticClient(url)
+
+
+@pytest.mark.parametrize("said", ["http://127.0.0.1:8470", "http://127.0.0.1:none/page/?token=x"])
+def test_an_address_that_is_none_of_a_page_says_how_one_looks(said):
+    with pytest.raises(BadInputError) as refused:
+        HapticClient(said)
+    assert "?token=" in refused.value.hint
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import HapticError
+from haptic_driver.experiments.data_file import measured_frame, meta_path
 from haptic_driver.labelled import unit_of
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.read import Run
@@ -52,6 +53,20 @@ def test_a_surface_over_its_axes(small_file):
         1
     ]
     assert row["cof"] == small_file.cof[2, 5, 1]
+
+
+def test_a_measured_table_has_phasors_and_what_its_sidecar_says(tmp_path):
+    path = tmp_path / "data.csv"
+    path.write_text(
+        "frequency_hz,voltage_v,cof,current_a,current_phase_rad\n250,60,0.6,2e-6,1.5707963268\n250,0,0.5,,\n"
+    )
+    meta_path(path).write_text('{"rig": "bench"}')
+    frame = measured_frame(path)
+    assert frame["current"][0] == pytest.approx(2e-6j)
+    assert np.isnan(frame["current"][1])
+    assert frame["cof"].tolist() == [0.6, 0.5]
+    assert frame.attrs["rig"] == "bench"
+    assert frame.attrs["units"] | {"current": "A", "current_phase_rad": "rad", "cof": "1"} == frame.attrs["units"]
 
 
 @pytest.mark.parametrize(

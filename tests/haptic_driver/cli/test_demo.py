@@ -9,7 +9,7 @@ from tests.haptic_driver.config_texts import CONFIGS, SIMULATED, as_real_rig, ch
 
 CONTRACT = {
     "share_within_5_percent", "cof_error_rms", "contact_time_s", "reachable_share", "max_voltage_v",
-    "output_on_without_contact_s", "pictures",
+    "output_on_without_contact_s", "pictures", "band_error", "bands",
 }  # fmt: skip
 
 

@@ -13,7 +13,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from haptic_driver.daemon.place import Place, default_socket
+from haptic_driver.daemon.address import Address
+from haptic_driver.daemon.place import Place
 from haptic_driver.errors import HapticError
 from haptic_driver.processes.child import Child
 
@@ -104,9 +105,9 @@ def test_a_folder_in_which_others_may_write_is_refused(path):
 def test_the_default_socket_is_in_the_users_own_runtime_folder(monkeypatch, tmp_path):
     monkeypatch.delenv("HAPTIC_SOCKET", raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    assert default_socket() == tmp_path / "haptic" / "daemon.sock"
+    assert Address.of(None).path == tmp_path / "haptic" / "daemon.sock"
     monkeypatch.delenv("XDG_RUNTIME_DIR")
-    assert f"haptic-{os.getuid()}" in str(default_socket())
+    assert f"haptic-{os.getuid()}" in str(Address.of(None).path)
 
 
 def test_a_child_that_says_nothing_useful_is_ended_and_told_of():

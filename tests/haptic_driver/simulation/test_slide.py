@@ -169,6 +169,20 @@ def test_speed_is_that_of_a_steady_slide():
     np.testing.assert_allclose(slide.speed_m_s[10:-10], -0.03, rtol=1e-9)
 
 
+def test_the_bands_say_which_roughness_arrives():
+    """Waves of 25 Hz and 160 Hz, of which half and nothing is felt."""
+    time_s = np.arange(1000) * 1e-3
+    slow, fast = (0.05 * np.sin(2.0 * np.pi * frequency_hz * time_s) for frequency_hz in (25.0, 160.0))
+    found = score(made_record(1000, fine_target_cof=0.6 + slow + fast, fine_measured_cof=0.6 + 0.5 * slow))
+    asked = {band["low_hz"]: band["asked_cof_rms"] for band in found.bands if band["asked_cof_rms"] > 1e-3}
+    felt = {band["low_hz"]: band["felt_cof_rms"] for band in found.bands if band["felt_cof_rms"] > 1e-3}
+    assert list(asked) == pytest.approx([12.5 * 2 ** (2 / 3), 12.5 * 2 ** (10 / 3)])
+    assert list(felt) == [min(asked)]
+    assert felt[min(asked)] / asked[min(asked)] == pytest.approx(0.5)
+    assert found.band_error == pytest.approx(math.sqrt((0.5**2 + 1.0**2) / 2.0), rel=1e-3)
+    assert math.isnan(score(made_record(1000)).band_error)
+
+
 # --- score -----------------------------------------------------------------------------------------------------
 
 

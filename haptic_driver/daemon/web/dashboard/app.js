@@ -15,14 +15,14 @@ const MOST_SAMPLES = 2000; // a busy machine may keep the page waiting
 const SLOW_MS = 1000; // between looks at what seldom changes: the surface, a texture that is in no library
 const TRAIL_EVERY = 8; // ticks
 const POINTS = 30; // frames of which the operating point is remembered
-const READ_MS = 240; // numbers that change faster are not read
+const READ_MS = 480; // numbers that change faster are not read, and a plot of 10 s need not be drawn more often
 const ERROR_S = 1; // of samples, each against its own target
 const LATE_S = 10; // frames of which the ticks are summed up
 
 const $ = (id) => document.getElementById(id);
 const page = {
   status: null, newest: null, frames: [], linked: false, awaited: 0, fetching: false, newestTick: 0, newestS: 0, wallS: 0,
-  surfaceOf: null, textures: [], selected: "", textureOf: null, history: new History(SPANS_S), spanS: SPANS_S[0], paused: null, readMs: 0, state: "",
+  surfaceOf: null, textures: [], selected: "", textureOf: null, history: new History(SPANS_S), spanS: SPANS_S[0], paused: null, readMs: 0, plotMs: 0, state: "",
 };
 readTheme();
 const screen = new Screen($("texture-map"), $("finger"), { marks: $("marks"), here: $("here"), ahead: $("ahead"), nobody: $("nobody") });
@@ -72,7 +72,9 @@ async function fetchSamples() {
   page.newestTick = columns.tick.at(-1);
   page.newestS = columns.time_s.at(-1);
   screen.follow(places, page.newestS);
-  if (!page.paused) showTime();
+  if (page.paused || performance.now() - page.plotMs < READ_MS) return;
+  page.plotMs = performance.now();
+  showTime();
 }
 
 // What plays, or what is selected while nothing does.

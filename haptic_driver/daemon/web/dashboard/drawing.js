@@ -4,17 +4,15 @@ import { SCALE, theme } from "./palette.js";
 
 const FONT = "12px system-ui, 'DejaVu Sans', sans-serif";
 
-// A clean canvas as large as it is shown, with a pen in its pixels.
+// A clean picture as large as a canvas is shown, with a pen in its pixels; the canvas gets it once all of it is drawn.
+// A canvas that is drawn on itself is composed anew in every frame of the page, also while nothing is drawn.
 export function begin(canvas) {
   const ratio = window.devicePixelRatio || 1;
   const { clientWidth: width, clientHeight: height } = canvas;
-  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
-  }
-  const pen = canvas.getContext("2d");
+  const picture = new OffscreenCanvas(Math.max(Math.round(width * ratio), 1), Math.max(Math.round(height * ratio), 1));
+  queueMicrotask(() => canvas.getContext("bitmaprenderer").transferFromImageBitmap(picture.transferToImageBitmap()));
+  const pen = picture.getContext("2d");
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-  pen.clearRect(0, 0, width, height);
   pen.font = FONT;
   pen.lineJoin = pen.lineCap = "round";
   return { pen, width, height };

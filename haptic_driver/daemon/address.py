@@ -1,0 +1,79 @@
+"""Where a daemon is found: at its socket, or, from another system or machine, at the address of its page."""
+
+from __future__ import annotations
+
+import getpass
+import os
+import socket
+import tempfile
+from pathlib import Path
+from typing import NamedTuple, Self
+from urllib.parse import parse_qs, urlsplit
+
+from haptic_driver.errors import BadInputError
+
+SOCKET_NAME = "daemon.sock"
+
+
+def default_folder() -> Path:
+    """A folder that this user alone needs."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
+    user = os.getuid() if hasattr(os, "getuid") else getpass.getuser()
+    return Path(runtime) / "haptic" if runtime else Path(tempfile.gettempdir()) / f"haptic-{user}"
+
+
+class Address(NamedTuple):
+    """One daemon: `path` is that of its socket, None where it is reached over TCP, with its page's token."""
+
+    path: Path | None
+    host: str = "haptic"  # HTTP wants a name also where the socket says where
+    port: int = 0
+    token: str = ""
+
+    @classmethod
+    def of(cls, said: Path | str | None) -> Self:
+        """A socket's path, or the page's address as the daemon printed it; None: as `HAPTIC_SOCKET` says, or as usual.
+
+        BadInputError for an address without port or token.
+        """
+        text = str(said or os.environ.get("HAPTIC_SOCKET") or default_folder() / SOCKET_NAME)
+        if not text.startswith("http:"):
+            return cls(Path(text))
+        try:
+            parts = urlsplit(text)
+            (token,) = parse_qs(parts.query)["token"]
+            return cls(None, parts.hostname or "", int(parts.port or 0), token)
+        except (ValueError, KeyError) as error:
+            hint = "Give it as haptic daemon run --port printed it: http://127.0.0.1:8470/page/?token=..."
+            raise BadInputError("bad_address", f"{text}: no address of a daemon's page", hint) from error
+
+    def __str__(self) -> str:
+        """Without the token."""
+        return str(self.path) if self.path is not None else f"http://{self.authority}"
+
+    @property
+    def authority(self) -> str:
+        """What HTTP calls host."""
+        return f"{self.host}:{self.port}" if self.port else self.host
+
+    @property
+    def lease_file(self) -> Path:
+        """Where `haptic arm` leaves its lease for other commands."""
+        if self.path is not None:
+            return self.path.with_name(self.path.name + ".lease")
+        return default_folder() / f"{self.host}-{self.port}.lease"
+
+    def connected(self, timeout_s: float) -> socket.socket:
+        """A line to it. Raises OSError."""
+        if self.path is None:
+            return socket.create_connection((self.host, self.port), timeout_s)
+        if not hasattr(socket, "AF_UNIX"):
+            raise OSError("Python has no Unix sockets on this system")
+        line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        line.settimeout(timeout_s)
+        try:
+            line.connect(str(self.path))
+        except OSError:
+            line.close()
+            raise
+        return line
