@@ -202,12 +202,12 @@ def step(
 def carried(held: Held, before: Held, state: ControllerState, speed_m_s: float, voltage_v: float) -> ControllerState:
     """The state on another surface than `before`, with gains that leave the friction of the present drive as it was.
 
-    So a swap moves no voltage, and what was learnt of the finger goes on from there. Without voltage or contact some
-    usual ones are taken.
+    So a swap moves no voltage, and what was learnt of the finger goes on from there. With next to no voltage or without
+    contact some usual ones are taken.
     """
     new, old, known, frequency_hz = held[0], before[0], state.estimate, state.frequency_hz
     nodes, load_n, time_s = new.surface.log_normal_force, known.normal_force_n, known.time_s
-    peak_v = voltage_v if voltage_v > 0.0 else USUAL_SHARE * new.surface.voltage_v[-1]
+    peak_v = voltage_v if voltage_v >= WORTH_COMPARING_V else USUAL_SHARE * new.surface.voltage_v[-1]
     drive = InForce(CARRIER_BAND_HZ if np.isnan(frequency_hz) else frequency_hz, peak_v, peak_v, peak_v, True)
     finger = FingerState(
         0.0 if np.isnan(time_s) else time_s, 0.0, 0.0, speed_m_s, 0.0,
