@@ -1,5 +1,6 @@
 // The page: hears the daemon's state, and has everything shown that has changed.
 
+import { showAgreement } from "./agreement.js";
 import { Refusal, Stream, ask } from "./connection.js";
 import { Controls } from "./controls.js";
 import { Happened } from "./flags.js";
@@ -214,6 +215,8 @@ function showFigures(status, newest) {
   say("recording", status.recording_fault ? `${status.recording ?? "waiting"}; a part is missing: ${status.recording_fault}` : (status.recording ?? "none"));
   say("surface_hash", `${status.model.split("/").at(-1)}, surface ${status.surface_hash.slice(0, 12)}`);
   happened.showFlags(status.flags);
+  showAgreement($("agreement"), status.agreement);
+  say("disagreement", status.disagreement ?? (status.agreement.length ? "As the model expects." : "Not known yet: a minute of sliding tells."));
   showTicks(status);
 }
 
