@@ -39,7 +39,9 @@ def why(
 
 def _show(answer: Why) -> None:
     stdout.print(answer.said)
-    stdout.print(f"by {answer.rows} rows of what was rendered; report: {answer.report}")
+    for name, probability in answer.suspects.items():
+        stdout.print(f"  {name.replace('_', ' ')}: {probability:.0%}")
+    stdout.print(f"by {answer.rows} rows of what was rendered; report: {answer.report}", soft_wrap=True)
     for purpose in answer.more:
         stdout.print(f"haptic investigate could add what {purpose}")
     if answer.effects:

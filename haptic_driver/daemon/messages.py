@@ -228,8 +228,8 @@ class WhyRequest(Request):
 class Why(Checked):
     """What a diagnosis of what was rendered says, in words and as `haptic diagnose` does.
 
-    `more`: what `haptic investigate` could add. `model` and `report` are files on the daemon's machine, until the next
-    diagnosis or its end.
+    `suspects`: the most probable. `more`: what `haptic investigate` could add. `model` and `report` are files
+    on the daemon's machine, until the next diagnosis or its end.
     """
 
     state: Literal["not_asked", "running", "done", "failed"]
@@ -237,6 +237,7 @@ class Why(Checked):
     rows: int = 0
     verdict: str | None = None
     effects: list[str] = Field(default=[])
+    suspects: dict[str, float] = Field(default={})
     more: list[str] = Field(default=[])
     model: str | None = None
     report: str | None = None

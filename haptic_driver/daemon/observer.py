@@ -110,7 +110,7 @@ class Observer:
                     self._link = link
                     link.send(self.adaptation is not None)
                     while not ending.is_set():
-                        self._take(link.recv(), settings, ending)
+                        self.hear(link.recv(), settings.surface, ending)
             child.kill()
             if not ending.is_set():
                 self._events.tell(NAME, f"{child.ended}; it is started again, rendering goes on")
@@ -122,7 +122,7 @@ class Observer:
         if base is not None and self._install(base, ending.is_set):
             self._events.tell("adapt", "back to the model as it was", surface_hash=base.content_hash)
 
-    def _propose(self, proposal: Proposal, settings: ObserverSettings, ending: threading.Event) -> None:
+    def _propose(self, proposal: Proposal, base: SurfaceFile, ending: threading.Event) -> None:
         if self.adaptation is None:  # switched off meanwhile
             return
         news, self.adaptation = proposal.said != self.adaptation, proposal.said
@@ -131,15 +131,16 @@ class Observer:
                 self._told_s = time.monotonic()
                 self._events.tell("adapt", f"not mended: {proposal.said}")
         elif self._install(proposal.surface, ending.is_set):
-            self._base = settings.surface
+            self._base = base
             self._events.tell(
                 "adapt", f"mended: {proposal.said}", surface_hash=proposal.surface.content_hash,
                 model=proposal.numbers, rows=proposal.rows,
             )  # fmt: skip
 
-    def _take(self, observed: Observed, settings: ObserverSettings, ending: threading.Event) -> None:
+    def hear(self, observed: Observed, base: SurfaceFile, ending: threading.Event) -> None:
+        """Take in what the process says, unless it is to end; `base` is the surface of the model as it was."""
         if observed.proposal is not None:
-            self._propose(observed.proposal, settings, ending)
+            self._propose(observed.proposal, base, ending)
         self.rows.extend(observed.rows)
         self.cells = [AgreementCell.model_validate(cell) for cell in observed.cells]
         for found in observed.found:

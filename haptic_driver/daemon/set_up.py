@@ -25,7 +25,8 @@ class DaemonSettings:
     """A rig, a surface to drive it by, and how to render.
 
     `rig` and `model` are the names that were given. `allow_no_rt`: real hardware without real-time scheduling.
-    `amplifier_record`: a file in which simulated instruments write down what was at the electrode.
+    `amplifier_record`: a file in which simulated instruments write down what was at the electrode; `finger`: the
+    simulated one's function, as module:function.
     """
 
     rig: str
@@ -35,6 +36,7 @@ class DaemonSettings:
     render: RenderSettings
     allow_no_rt: bool = False
     amplifier_record: Path | None = None
+    finger: str | None = None
 
     def with_model(self, model: str, description: ModelDescription) -> DaemonSettings:
         """The same with another model's surface, which is solved. Raises BadInputError."""

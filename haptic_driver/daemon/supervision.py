@@ -170,8 +170,9 @@ class Supervisor:
         settings = self.settings
         if settings.config.simulated:
             record = [] if settings.amplifier_record is None else ["--record", settings.amplifier_record]
+            finger = [] if settings.finger is None else ["--finger", settings.finger]
             self._children[INSTRUMENTS] = Child(
-                INSTRUMENTS, "haptic_driver.simulation.process", [settings.rig, settings.model, *record]
+                INSTRUMENTS, "haptic_driver.simulation.process", [settings.rig, settings.model, *record, *finger]
             )
 
     def _connect_instruments(self) -> None:

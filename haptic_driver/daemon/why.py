@@ -33,7 +33,7 @@ from model.diagnosis.workflow import diagnose
 from model.support.errors import ModelError
 
 NAME, ROWS, PAGE = "why", "rows.csv", "report.html"
-LEAST_ROWS = 12
+LEAST_ROWS, SUSPECTS = 12, 5
 PATIENCE_S = 900.0  # on a busy machine
 
 
@@ -60,7 +60,7 @@ class Inquiry:
                 )
             self._remove()
             self._folder = TemporaryDirectory(prefix="haptic-why-")
-            folder, began_s = Path(self._folder.name), rows[0].measured.time_s
+            folder, began_s = Path(self._folder.name), min(row.measured.time_s for row in rows)
             since = [(row, measured._replace(time_s=measured.time_s - began_s)) for row, measured in rows]
             write_rows(folder / ROWS, [row_texts(row, measured, simulated=simulated) for row, measured in since])
             self.answer = Why(state="running", said=f"diagnosing {len(rows)} rows", rows=len(rows))
@@ -125,6 +125,7 @@ def _answer(model: str, folder: Path) -> dict[str, Any]:
         "said": sentence(found),
         "verdict": found["verdict"],
         "effects": [effect["name"] for effect in found["effects"]],
+        "suspects": {each["name"]: each["probability"] for each in found["alternatives"][:SUSPECTS]},
         "more": list(dict.fromkeys(step["purpose"] for step in found["next_experiments"])),
         "model": found["model"],
         "report": str(folder / PAGE),
