@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from rich.text import Text
 from typer import Argument, Option
@@ -19,13 +19,15 @@ from typer import Argument, Option
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, named, report, signals_to, stdout
 from haptic_driver.daemon.address import Address
+from haptic_driver.daemon.agreement import UNITS
 from haptic_driver.daemon.private_file import private_folder, write_private
 from haptic_driver.errors import BadInputError, HapticError
 
 if TYPE_CHECKING:
     from haptic_driver.client import HapticClient, Session
-    from haptic_driver.daemon.messages import Lease, Status
+    from haptic_driver.daemon.messages import AgreementCell, Lease, Status
 
+SIGNS = ((0.05, "▲", "▼"), (0.02, "+", "-"), (0.0, "·", "·"))  # of friction: from so much off on
 POLL_S = 0.1
 ALREADY = "armed already"
 Nearest = Annotated[bool, Option("--nearest", help="Render the nearest that is reachable, however far off it is.")]
@@ -131,6 +133,18 @@ def use(
     ask(socket, as_json, lambda client: client.use_model(model))
 
 
+def adapt(
+    mode: Annotated[Literal["on", "off"], Argument(help="on: mend from now on. off: go back to the model as it was.")],
+    socket: SocketOption = None,
+    as_json: Json = False,
+) -> None:
+    """Mend the finger's model while it renders, by what is felt, as its skin dries or moistens; or go back.
+
+    Example: `haptic adapt on`
+    """
+    ask(socket, as_json, lambda client: client.adapt(mode == "on"))
+
+
 def reset(socket: SocketOption = None, as_json: Json = False) -> None:
     """Acknowledge a fault or trip whose cause is gone.
 
@@ -149,6 +163,26 @@ def show_status(status: Status) -> None:
     said = Text(str(status))
     said.highlight_regex(r"(?<=output )(ON|UNKNOWN)|fault:", "bold red")
     stdout.print(said)
+    for line in agreement_lines(status):
+        stdout.print(Text(f"  {line}"))
+
+
+def agreement_lines(status: Status) -> list[str]:
+    """A map of felt against expected friction, a line per condition and a sign per cell, and the last sentence."""
+    by_axis: dict[str, list[AgreementCell]] = {}
+    for cell in status.agreement:
+        by_axis.setdefault(cell.axis, []).append(cell)
+    lines = []
+    for axis, cells in by_axis.items():
+        unit = UNITS[axis]
+        name = axis.removesuffix(f"_{unit.lower().replace('/', '_')}").replace("_", " ")
+        signs = " ".join(_sign(cell.share) for cell in cells)
+        lines.append(f"agreement, {name}: {signs} ({cells[0].low:.3g} to {cells[-1].high:.3g} {unit})")
+    return lines + ([] if status.disagreement is None else [status.disagreement])
+
+
+def _sign(share: float) -> str:
+    return next((more if share > 0.0 else less) for least, more, less in SIGNS if abs(share) >= least)
 
 
 def ask(socket: str | None, as_json: bool, of: Callable[[HapticClient], Status]) -> None:

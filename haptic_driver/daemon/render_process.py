@@ -27,6 +27,7 @@ from haptic_driver.processes.samples import Flag
 from haptic_driver.processes.shared_memory import NO_ORDER, Driven, Order, Output, Sensed, SharedState, practice_slot
 from haptic_driver.render import envelope
 from haptic_driver.render.compiled import refuse_to_compile
+from haptic_driver.render.controller import Controller
 from haptic_driver.render.texture import FloatArray, Target, Uniform
 from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
 from haptic_driver.signals import SLIDING_M_S, FingerSample, FingerState
@@ -48,7 +49,7 @@ class RenderSettings:
 
     `stale_s`: sensors, `silence_s`: control, not heard for so long. `ramp_s`: how long a ramp to zero takes.
     `most_missed`: so many instants missed in a row are a fault. `envelope`: an analog output makes the amplitude, and
-    is told its course from tick to tick.
+    is told its course from tick to tick. `surface`: the number that the controller's has among orders.
     """
 
     tick: TickSettings
@@ -58,6 +59,7 @@ class RenderSettings:
     silence_s: float = 0.25
     ramp_s: float = 0.05
     most_missed: int = 100
+    surface: int = 0
 
 
 class Nothing(Target):
@@ -111,6 +113,7 @@ class Renderer:
         self._settings = settings
         self._shared = shared
         self._clock = clock
+        self._surface = settings.surface
         self._nothing = replace(settings.tick, texture=Nothing())
         self._kept = Kept(overruns=shared.output.read().overruns)
         self._practice = practice_slot()
@@ -131,6 +134,7 @@ class Renderer:
             time_s = i * self._settings.period_s
             state, done = tick(settings, state, FingerSample(time_s, 0.05 * time_s, 0.0, 0.5, 0.3))
             state, _ = envelope.ahead(settings, state, done, self._settings.period_s)
+        _carried(settings.controller, settings.controller, state)
 
     def step(self, due: Due) -> Output:
         """One tick: read, decide, write."""
@@ -158,15 +162,25 @@ class Renderer:
         self._shared.output.write(last._replace(voltage_v=0.0, output_on=False, flags=last.flags | Flag.FAULT))
 
     def _read(self) -> tuple[Order, Sensed, Driven]:
-        """What control says; a new arming or target is taken up."""
+        """What control says; a new arming, target or surface is taken up."""
         order = self._shared.order.read()
+        if order.surface != self._surface:
+            self._take_up(order.surface)
         if order.arming != self._arming:
             self._forget(order)
         if order.target != self._target:
             self._target = order.target
             target = self._shared.targets.read(order.target) if order.target else Nothing()
-            self._tick_settings = replace(self._settings.tick, texture=target)
+            self._tick_settings = replace(self._nothing, texture=target)
         return order, self._shared.sensed.read(), self._shared.driven.read()
+
+    def _take_up(self, number: int) -> None:
+        """Render by another surface from here on, with the voltage as it is."""
+        before, controller = self._nothing.controller, Controller(self._shared.surfaces.read(number))
+        self._surface = number
+        self._nothing = replace(self._nothing, controller=controller)
+        self._tick_settings = replace(self._tick_settings, controller=controller)
+        self._kept = self._kept._replace(state=_carried(controller, before, self._kept.state))
 
     def _decide(self, due: Due, order: Order, sensed: Sensed, driven: Driven) -> tuple[Kept, Tick, Output]:
         """What to put out; nothing is changed here."""
@@ -198,7 +212,7 @@ class Renderer:
         if voltage_v > 0.0 and due.due_s < driven.since_s:  # on its way: what the finger feels of it teaches nothing
             state = state._replace(command=state.command._replace(voltage_v=math.nan))
         output = Output(
-            order.number, self._target, due.number, self._clock(), done.command.frequency_hz, voltage_v,
+            order.number, self._target, self._surface, due.number, self._clock(), done.command.frequency_hz, voltage_v,
             voltage_v > 0.0, overruns, flags, done.target.cof,
         )  # fmt: skip
         return Kept(state, course_v2, ramp, flags, overruns, missed_in_a_row), done, output
@@ -238,6 +252,13 @@ class Renderer:
             done.target.cof, done.wanted.cof, measured, kept.state.controller.estimate.gain,
             output.frequency_hz, output.voltage_v, output.output_on, output.flags,
         )  # fmt: skip
+
+
+def _carried(controller: Controller, before: Controller, state: TickState) -> TickState:
+    """The state of the same finger on another controller's surface."""
+    finger = state.finger
+    speed_m_s = math.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
+    return state._replace(controller=controller.carried(before, state.controller, speed_m_s, state.command.voltage_v))
 
 
 def _noted(done: Tick, state: TickState) -> int:

@@ -1,13 +1,15 @@
-"""A recording as measured data: stretches of steady sliding, each a row as `haptic measure` would have written it.
+"""A recording as measured data: stretches of even sliding, each some rows as `haptic measure` would have written them.
 
-Steady means that load, speed, carrier and voltage hardly change, and that the drive did not for `SETTLING_S` before:
-what friction lags behind is then over. Strokes are trials; after a pause, or in another run, a session begins.
+Even means that load, speed and carrier hardly change; the voltage may, as fast as a texture wants it. Friction follows
+it with a first-order lag of the way slid, and attraction goes with its square: so the square is lagged in the same way,
+and the samples of a stretch with about the same lagged square are a row. Strokes are trials; after a pause, or in
+another run, a session begins.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -17,12 +19,13 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.experiments.average import Measured, average
+from haptic_driver.experiments.average import Measured, average, standard_error
 from haptic_driver.experiments.data_file import row_texts
 from haptic_driver.experiments.plan import Row, Setting
 from haptic_driver.files import bad_input, write_rows
 from haptic_driver.processes.samples import Flag
 from haptic_driver.recording.read import Run, read_run, run_names
+from haptic_driver.render.feedback import FeedbackSettings
 from haptic_driver.signals import Array, Mask
 from model.diagnosis.data import Measurements, read_measurements, together
 
@@ -31,13 +34,18 @@ STEP = 10  # samples that are averaged before it is asked whether a condition is
 SHORTEST_S = 0.1  # of a row: enough samples to tell how they remember one another
 LONGEST_S = 1.0
 SHARED_S = 1.0  # of a row's own scatter: so much counts what all rows say about the noise
-SETTLING_S = 0.05  # set points come 10 ms early or late, and at SLOWEST_M_S friction needs 20 ms to follow a voltage
+SETTLING_S = 0.05  # after another carrier: set points come 10 ms late, and friction needs 20 ms at SLOWEST_M_S
+TIMING_S = {"envelope": 0.001, "set_point": 0.010}  # so much early or late may the drive be
 SLOWEST_M_S = 0.003
+CUTOFF_PER_M = FeedbackSettings(0.0).cutoff_hz_per_m_s
 SETTLED_M = 0.0003  # of a stroke: before, the skin still stretches
 GAP_S = 0.005  # without a sample, or longer: another stroke
 PAUSE_S = 5.0  # between strokes, or longer: another session
-LARGEST_CHANGE = np.array([[0.10], [0.30], [0.04], [1e-6]])  # of load, speed, voltage, carrier, within one row
-NEGLIGIBLE = np.array([[0.0], [0.0], [1.0], [0.0]])  # change of the same, N, m/s, V, Hz: attraction goes with V^2
+LARGEST_CHANGE = np.array([[0.10], [0.30], [1e-6]])  # of load, speed, carrier, within one stretch
+ONE_POWER = 0.08  # a change of the voltage squared, relative, that is none
+NO_POWER_V2 = 1.0
+BINS = 5  # rows of a stretch, evenly spaced in the voltage squared, besides the one without voltage
+UNSURE = 0.25  # of a stretch's highest voltage squared: where timing matters more, a sample says little
 
 
 class Recorded(NamedTuple):
@@ -102,7 +110,7 @@ def cut(run: Run) -> list[Recorded]:
     for part in _strokes(run.samples, start_s + run.attributes["latency_budget_s"]["total"] + SETTLING_S):
         samples, during = run.samples[part], drive.during(part)
         windows = _windows(samples, during)
-        rows = [(*_row(samples[window], during.during(window)), window) for window in windows]
+        rows = [row for window in windows for row in _rows(samples[window], during.during(window))]
         good = [row for row in rows if row[1].valid]
         if not good:
             continue
@@ -110,10 +118,10 @@ def cut(run: Run) -> list[Recorded]:
         if found and samples["time_s"][0] - ended_s > PAUSE_S:
             session, stroke = session + 1, 1
         ended_s = float(samples["time_s"][-1])
-        for setting, measured, window in good:
+        for setting, measured, row_s in good:
             since = measured._replace(time_s=measured.time_s - start_s)
             found.append(Recorded(Row(setting, session, stroke), since))
-            lasted_s.append(float(np.ptp(samples["time_s"][window])))
+            lasted_s.append(row_s)
     return _with_shared_noise(found, np.array(lasted_s))
 
 
@@ -136,28 +144,49 @@ def _with_shared_noise(rows: list[Recorded], lasted_s: Array) -> list[Recorded]:
 
 
 class _Drive(NamedTuple):
-    """What the forces of each sample answer to [2, n], voltage and carrier: then, least and most since SETTLING_S."""
+    """What the forces of each sample answer to [n]: carrier, the least and the most of it since SETTLING_S, and lagged
+    voltage squared with what its timing may change of it.
+    """
 
-    then: Array
-    least: Array
-    most: Array
+    carrier_hz: Array
+    least_hz: Array
+    most_hz: Array
+    power_v2: Array
+    unsure_v2: Array
 
-    def during(self, part: slice) -> _Drive:
+    def during(self, part: slice | Mask) -> _Drive:
         """Some of it."""
-        return _Drive(*(values[:, part] for values in self))
+        return _Drive(*(values[part] for values in self))
 
 
 def _drive(run: Run) -> _Drive:
-    """The commands as many seconds ago as they take to be felt; no carrier at 0 V."""
-    latency, time_s = run.attributes["latency_budget_s"], run.samples["time_s"]
+    """The commands as many seconds ago as they take to be felt; at 0 V the carrier is the last or the first one."""
+    latency, samples = run.attributes["latency_budget_s"], run.samples
+    time_s, step_s = samples["time_s"], float(np.median(np.diff(samples["time_s"])))
     felt_s = latency["total"] - latency["sensor"] - latency["tick"]  # as the daemon's own feedback has it
     place = np.maximum(np.searchsorted(time_s, time_s - felt_s, side="right") - 1, 0)
-    voltage_v = run.samples["voltage_v"][place]
-    then = np.stack([voltage_v, np.where(voltage_v > 0.0, run.samples["frequency_hz"][place], 0.0)])
-    look_back = STEP + round(SETTLING_S / float(np.median(np.diff(time_s))))
+    voltage_v, driven = samples["voltage_v"][place], np.flatnonzero(samples["voltage_v"][place] > 0.0)
+    carrier_hz = np.zeros(time_s.size)
+    if driven.size:
+        last = np.maximum(np.searchsorted(driven, np.arange(time_s.size), side="right") - 1, 0)
+        carrier_hz = samples["frequency_hz"][place][driven[last]]
+    look_back = STEP + round(SETTLING_S / step_s)
     origin = (look_back - 1) // 2  # which makes the last sample the one that is asked about
-    least, most = (f(then, look_back, axis=1, origin=origin) for f in (minimum_filter1d, maximum_filter1d))
-    return _Drive(then, least, most)
+    least_hz, most_hz = (f(carrier_hz, look_back, origin=origin) for f in (minimum_filter1d, maximum_filter1d))
+    speed_m_s = np.nan_to_num(samples["speed_m_s"].astype(np.float64))
+    power_v2 = _lagged(voltage_v**2, speed_m_s * np.diff(time_s, prepend=time_s[0]))
+    power_v2[power_v2 < NO_POWER_V2] = 0.0
+    timing_s = TIMING_S["envelope" if "envelope" in latency else "set_point"]
+    around = 1 + 2 * round(timing_s / step_s)
+    unsure_v2 = maximum_filter1d(power_v2, around) - minimum_filter1d(power_v2, around)
+    return _Drive(carrier_hz, least_hz, most_hz, power_v2, unsure_v2)
+
+
+def _lagged(values: Array, way_m: Array) -> Array:
+    """`values` [n] after a first-order lag of the way [n] that each lasts: so friction follows attraction."""
+    shares = -np.expm1(-2.0 * np.pi * CUTOFF_PER_M * way_m)
+    steps = zip(values.tolist(), shares.tolist(), strict=True)
+    return np.array([y for y, _ in accumulate(steps, lambda last, new: (last[0] + new[1] * (new[0] - last[0]), 0.0))])
 
 
 def _strokes(samples: NDArray[np.void], known_s: float) -> Iterator[slice]:
@@ -186,18 +215,18 @@ def _pieces(usable: Mask, breaks: Mask) -> list[slice]:
 
 
 def _windows(samples: NDArray[np.void], drive: _Drive) -> list[slice]:
-    """The steady stretches of one stroke: each as long as it stays steady, up to LONGEST_S."""
+    """The even stretches of one stroke: each as long as it stays even, up to LONGEST_S."""
     steps = samples.size // STEP
     whole, last = slice(steps * STEP), slice(STEP - 1, steps * STEP, STEP)
     step_s = STEP * float(np.mean(np.diff(samples["time_s"])))
     touch = [samples[name][whole].reshape(steps, STEP).mean(axis=1) for name in ("normal_force_n", "speed_m_s")]
-    least, most = (np.stack([*touch, *values[:, last]]) for values in (drive.least, drive.most))
+    least, most = (np.stack([*touch, carrier_hz[last]]) for carrier_hz in (drive.least_hz, drive.most_hz))
     longest = max(round(LONGEST_S / step_s), 1)
     found, start = [], 0
     while start < steps:
         ahead = slice(start, start + 2 * longest)
         low, high = np.minimum.accumulate(least[:, ahead], axis=1), np.maximum.accumulate(most[:, ahead], axis=1)
-        steady = np.all(high - low <= np.maximum(LARGEST_CHANGE * high, NEGLIGIBLE), axis=0)
+        steady = np.all(high - low <= LARGEST_CHANGE * high, axis=0)
         count = steady.size if steady.all() else int(np.argmin(steady))
         if count > longest:  # in halves, rather than with a short rest that says little
             count = count // 2
@@ -207,11 +236,32 @@ def _windows(samples: NDArray[np.void], drive: _Drive) -> list[slice]:
     return found
 
 
-def _row(samples: NDArray[np.void], drive: _Drive) -> tuple[Setting, Measured]:
-    """One window as a row; attraction goes with the square of the voltage, so that is averaged."""
-    measured = average(samples["time_s"], np.abs(samples["lateral_force_n"]), samples["normal_force_n"])
-    voltage_v = float(np.sqrt(np.mean(drive.then[0] ** 2)))
-    frequency_hz = float(drive.then[1, -1]) if voltage_v > 0.0 else 0.0
-    told = frequency_hz, voltage_v, measured.normal_force_n, float(np.mean(samples["speed_m_s"]))
-    frequency_hz, voltage_v, load_n, speed_m_s = (float(f"{value:.6g}") for value in told)
-    return Setting(frequency_hz, voltage_v, load_n, speed_m_s), measured
+def _rows(samples: NDArray[np.void], drive: _Drive) -> list[tuple[Setting, Measured, float]]:
+    """The rows of one stretch, each with how long it lasted in all; one row where the voltage hardly changes.
+
+    The errors rest on the scatter of the whole stretch about its rows.
+    """
+    step_s = float(np.mean(np.diff(samples["time_s"])))
+    sure = drive.unsure_v2 <= max(UNSURE * drive.power_v2.max(), NO_POWER_V2)
+    samples, drive = samples[sure], drive.during(sure)
+    power_v2, most_v2 = drive.power_v2, drive.power_v2.max(initial=NO_POWER_V2)
+    changes = most_v2 - power_v2.min(initial=most_v2) > ONE_POWER * most_v2
+    place = np.ceil(BINS * power_v2 / most_v2) if changes else np.zeros(power_v2.size)
+    parts = [part for k in np.unique(place) if np.count_nonzero(part := place == k) >= STEP]
+    lateral_n, load_n = np.abs(samples["lateral_force_n"]), samples["normal_force_n"]
+    means = [average(samples["time_s"][part], lateral_n[part], load_n[part]) for part in parts]
+    if not means:
+        return []
+    rows_v2 = np.array([np.mean(power_v2[part]) for part in parts])
+    cof = np.interp(power_v2, rows_v2, [mean.cof for mean in means])
+    error = standard_error((lateral_n - cof * load_n) / np.mean(load_n))
+    found = []
+    for part, mean, row_v2 in zip(parts, means, rows_v2, strict=True):
+        count = int(np.count_nonzero(part))
+        voltage_v = float(np.sqrt(row_v2))
+        frequency_hz = float(drive.carrier_hz[-1]) if voltage_v > 0.0 else 0.0
+        told = frequency_hz, voltage_v, mean.normal_force_n, float(np.mean(samples["speed_m_s"][part]))
+        frequency_hz, voltage_v, normal_force_n, speed_m_s = (float(f"{value:.6g}") for value in told)
+        setting = Setting(frequency_hz, voltage_v, normal_force_n, speed_m_s)
+        found.append((setting, mean._replace(cof_std=error * float(np.sqrt(power_v2.size / count))), count * step_s))
+    return found

@@ -1,4 +1,4 @@
-"""The memory that control and render share: slots swapped as a whole, the target, and a ring of samples.
+"""The memory that control and render share: slots swapped as a whole, target and surface, and a ring of samples.
 
 It is an anonymous file that only those who are handed its descriptor can see; it has no name that could be guessed or
 left behind, and is gone with the last process that has it, however that ended. Nobody ever waits for anybody here.
@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.samples import COURSE, SAMPLE
+from haptic_driver.render.controller import ControllerSettings
 from haptic_driver.render.texture import Target
 
 RING_SAMPLES = 1 << 14  # 16 s at 1 kHz
 RING_COURSES = 1 << 6
-TARGET_BYTES = 1 << 24  # for each of two targets, e.g. a map of 2 million pixels
+TARGET_BYTES = 1 << 24  # for each of two targets, e.g. a map of 2 million pixels; and for each of two surfaces
 SLOT_BYTES = 256
 _HEADER_BYTES = 16  # of a slot
 _RING_HEADER_BYTES = 64
@@ -49,7 +50,7 @@ class Order(NamedTuple):
     """What control wants of render; `number` counts orders, `arming` counts armings and 0 is none.
 
     Output is wanted while `rendering`, until `lease_until_s`, and while control goes on beating at `beat_s`.
-    `target` is the number of the target in force. Flags and faults are forgotten when `arming` changes.
+    `target` and `surface` are the numbers of those in force. Flags and faults are forgotten when `arming` changes.
     """
 
     number: int
@@ -58,16 +59,18 @@ class Order(NamedTuple):
     lease_until_s: float
     beat_s: float
     target: int
+    surface: int
 
 
 class Output(NamedTuple):
-    """What render puts out; `order` and `target` are the numbers of those it followed.
+    """What render puts out; `order`, `target` and `surface` are the numbers of those it followed.
 
     `tick` counts instants, `overruns` those that were missed. `flags` of `samples.Flag`; `time_s` when it was written.
     """
 
     order: int
     target: int
+    surface: int
     tick: int
     time_s: float
     frequency_hz: float
@@ -88,11 +91,12 @@ class Driven(NamedTuple):
 
 
 NOTHING_SENSED = Sensed(-np.inf, np.nan, np.nan, False, -np.inf, 0.0, 0.0, False)
-NO_ORDER = Order(0, 0, False, -np.inf, -np.inf, 0)
-NO_OUTPUT = Output(0, 0, 0, -np.inf, 0.0, 0.0, False, 0, 0, np.nan)
+NO_ORDER = Order(0, 0, False, -np.inf, -np.inf, 0, 0)
+NO_OUTPUT = Output(0, 0, 0, 0, -np.inf, 0.0, 0.0, False, 0, 0, np.nan)
 NOT_DRIVEN = Driven(np.inf)
 
 Values = TypeVar("Values", bound=tuple[Any, ...])
+Kept = TypeVar("Kept")
 
 
 class Slot(Generic[Values]):
@@ -190,21 +194,21 @@ class Ring:
         return self.read(max(self.position - most, 0)).samples
 
 
-class TargetStore:
-    """What is to be rendered, for a reader who takes it between two ticks, at once and without copying a map.
+class Store(Generic[Kept]):
+    """What render is to use next, for a reader who takes it between two ticks, at once and without copying its arrays.
 
-    Two places are used in turn: one that is in use is never written to. Targets are numbered from 1.
+    Two places are used in turn: one that is in use is never written to. What is kept is numbered from 1.
     """
 
-    _HEADER = struct.Struct("=QQ")  # bytes of the record, bytes of the numbers of a map after it
+    _HEADER = struct.Struct("=QQ")  # bytes of the record, how many arrays come after it
 
     def __init__(self, memory: memoryview) -> None:
         self._places = [memory[i * TARGET_BYTES : (i + 1) * TARGET_BYTES] for i in range(2)]
 
-    def write(self, number: int, target: Target) -> None:
-        """Put target `number` where no reader is as long as `number - 1` is in use. BadInputError when too large."""
+    def write(self, number: int, kept: Kept) -> None:
+        """Put one where no reader is as long as `number - 1` is in use. BadInputError when too large."""
         buffers: list[pickle.PickleBuffer] = []
-        record = pickle.dumps(target, protocol=5, buffer_callback=buffers.append)
+        record = pickle.dumps(kept, protocol=5, buffer_callback=buffers.append)
         maps = [buffer.raw() for buffer in buffers]
         sizes = struct.pack(f"={len(maps)}Q", *(m.nbytes for m in maps))
         starts = len(record) + self._HEADER.size + len(sizes)
@@ -222,9 +226,9 @@ class TargetStore:
             place[at : at + part.nbytes] = part
             at += part.nbytes
 
-    def read(self, number: int) -> Target:
-        """Target `number`; its maps stay in this memory."""
-        place = self._places[number % 2].toreadonly()
+    def read(self, number: int) -> Kept:
+        """That of the number; its arrays stay in this memory."""
+        place = self._places[number % 2]
         length, count = self._HEADER.unpack_from(place)
         sizes = struct.unpack_from(f"={count}Q", place, self._HEADER.size)
         record_at = self._HEADER.size + 8 * count
@@ -233,7 +237,7 @@ class TargetStore:
             at = _aligned(at)
             maps.append(place[at : at + size])
             at += size
-        return cast(Target, pickle.loads(place[record_at : record_at + length], buffers=maps))
+        return cast(Kept, pickle.loads(place[record_at : record_at + length], buffers=maps))
 
 
 def _aligned(offset: int) -> int:
@@ -243,7 +247,8 @@ def _aligned(offset: int) -> int:
 _RING_AT = 4 * SLOT_BYTES
 _COURSES_AT = _RING_AT + _RING_HEADER_BYTES + RING_SAMPLES * SAMPLE.itemsize
 _TARGETS_AT = -(-(_COURSES_AT + _RING_HEADER_BYTES + RING_COURSES * COURSE.itemsize) // 4096) * 4096
-_TOTAL_BYTES = _TARGETS_AT + 2 * TARGET_BYTES
+_SURFACES_AT = _TARGETS_AT + 2 * TARGET_BYTES
+_TOTAL_BYTES = _SURFACES_AT + 2 * TARGET_BYTES
 
 
 class SharedState:
@@ -265,7 +270,8 @@ class SharedState:
         self.driven = Slot(slots[3], NOT_DRIVEN)
         self.ring = Ring(memory[_RING_AT:_COURSES_AT], SAMPLE, RING_SAMPLES)
         self.courses = Ring(memory[_COURSES_AT:_TARGETS_AT], COURSE, RING_COURSES)
-        self.targets = TargetStore(memory[_TARGETS_AT:])
+        self.targets: Store[Target] = Store(memory[_TARGETS_AT:_SURFACES_AT])
+        self.surfaces: Store[ControllerSettings] = Store(memory[_SURFACES_AT:])
 
     def close(self) -> None:
         """Give the descriptor back; the memory itself goes when nobody uses it any more."""

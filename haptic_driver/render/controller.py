@@ -20,7 +20,7 @@ from haptic_driver.limits import OperatingLimits
 from haptic_driver.render import feedback
 from haptic_driver.render.compiled import kernel, laid_out
 from haptic_driver.render.correction import NO_CORRECTION, Correction, Factors, factors_at
-from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains
+from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains, InForce
 from haptic_driver.render.surface import (
     NO_CAPS,
     Caps,
@@ -44,6 +44,7 @@ CARRIER_BAND_HZ = 10e3
 CLEAR = 1.0 - 1e-9  # of a limit: kept clear of it against rounding
 CORRECTION_ROUNDS = 4
 FREQUENCY_ROUNDS = 2  # of them choose the frequency too; later ones find the voltage alone
+USUAL_SHARE = 0.5  # of the highest voltage, where there is none
 CAUTION_CUTS = 20  # halvings of the rise; leaves 1e-6 of it
 WORTH_COMPARING_V, WORTH_COMPARING_A = 1.0, 1e-6  # below, costs are as good as equal
 
@@ -131,7 +132,7 @@ class Controller:
     """The stage with everything that depends on settings alone worked out once. Raises BadInputError.
 
     Its `step`, `along`, `reachable` and `current_a` are the compiled functions of these names, told what they are to
-    hold on to.
+    hold on to, which is `held`.
     """
 
     def __init__(self, settings: ControllerSettings) -> None:
@@ -153,7 +154,13 @@ class Controller:
         )
         held = hold(control)
         self.step, self.along, self.reachable = partial(step, held), partial(along, held), partial(reachable, held)
-        self.current_a = partial(current_a, held)
+        self.current_a, self.held = partial(current_a, held), held
+
+    def carried(
+        self, before: Controller, state: ControllerState, speed_m_s: float, voltage_v: float
+    ) -> ControllerState:
+        """See the compiled function."""
+        return carried(self.held, before.held, state, speed_m_s, voltage_v)
 
     def __reduce__(self) -> tuple[type[Controller], tuple[ControllerSettings]]:
         """Another process works it out again: what numba holds cannot be sent."""
@@ -189,6 +196,27 @@ def step(
     frequency_hz, inverse, factors = chosen(control, known, target.cof, finger, state.frequency_hz)
     point = as_felt(frequency_hz, inverse, factors, known.gains, target.cof)
     return ControllerState(frequency_hz, known, commands), point
+
+
+@kernel
+def carried(held: Held, before: Held, state: ControllerState, speed_m_s: float, voltage_v: float) -> ControllerState:
+    """The state on another surface than `before`, with gains that leave the friction of the present drive as it was.
+
+    So a swap moves no voltage, and what was learnt of the finger goes on from there. With next to no voltage or without
+    contact some usual ones are taken.
+    """
+    new, old, known, frequency_hz = held[0], before[0], state.estimate, state.frequency_hz
+    nodes, load_n, time_s = new.surface.log_normal_force, known.normal_force_n, known.time_s
+    peak_v = voltage_v if voltage_v >= WORTH_COMPARING_V else USUAL_SHARE * new.surface.voltage_v[-1]
+    drive = InForce(CARRIER_BAND_HZ if np.isnan(frequency_hz) else frequency_hz, peak_v, peak_v, peak_v, True)
+    finger = FingerState(
+        0.0 if np.isnan(time_s) else time_s, 0.0, 0.0, speed_m_s, 0.0,
+        np.exp(nodes[nodes.size // 2]) if np.isnan(load_n) else load_n, True, np.nan,
+    )  # fmt: skip
+    (off_n, rise_n), _ = feedback.by_surface(new.surface, new.correction, drive, finger)
+    (old_off_n, old_rise_n), _ = feedback.by_surface(old.surface, old.correction, drive, finger)
+    estimate = feedback.rescaled(known, old_off_n / off_n, old_rise_n / rise_n)
+    return ControllerState(frequency_hz, estimate, state.commands)
 
 
 @kernel

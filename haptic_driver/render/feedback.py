@@ -258,6 +258,20 @@ def forgotten(law: FeedbackSettings, known: Estimate, gains: Gains, elapsed_s: f
 
 
 @kernel
+def rescaled(known: Estimate, off: float, rise: float) -> Estimate:
+    """The same finger on another surface, whose friction without voltage and whose rise are that many times less."""
+    g = known.gains
+    gains = Gains(
+        g.off * off, g.rise * rise, g.off_variance * off * off, g.covariance * off * rise, g.rise_variance * rise * rise
+    )
+    off_n, rise_n = known.expected_off_n / off, known.expected_rise_n / rise
+    return Estimate(
+        gains, known.gain, known.gain_rate_per_s, known.learning, known.at_limit, known.cautious, off_n, rise_n,
+        known.time_s, known.reading_time_s, known.normal_force_n, known.lateral_force_n, known.slid_m,
+    )  # fmt: skip
+
+
+@kernel
 def by_surface(surface: Surface, correction: Correction, then: InForce, finger: FingerState) -> tuple[Forces, float]:
     """What the surface alone gives for a command, and how much the voltages around it change of that."""
     factors = factors_at(correction, then.frequency_hz, then.voltage_v, finger)

@@ -18,11 +18,12 @@ from scipy.special import ndtri
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.model_file import dielectric_entry, fitted_nuisances, model_text, program
+from model.diagnosis.model_file import dielectric_entry, fitted_effects, fitted_nuisances, model_text, program
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.space import FINGER, GAP_OFFSET, Nuisance, Predictor
 from model.diagnosis.witness import FRICTION
-from model.parameters import SPECIFICATION
+from model.effects import Effect
+from model.parameters import SPECIFICATION, Parameter
 from model.support.arrays import Array
 from model.support.errors import ModelError, nearest
 
@@ -33,6 +34,7 @@ OPTIONAL = (  # known of a screen or hidden behind the others, so fitted only wh
     Nuisance("insulator_permittivity", 0.03),
     GAP_OFFSET,
 )
+KEPT = ("roughness_rms_m", "skin_thickness_m")  # of a finger, over hours
 LEAST_ROWS = 8
 STARTS = (0.0, 1.5, -1.5)  # prior units, of all parameters but friction without voltage
 CORRELATED = 0.9
@@ -84,14 +86,26 @@ class Calibration:
         return self.fit.chi2 / max(self.data.count - len(self.parameters), 1)
 
 
-def calibrate(description: ModelDescription, data: Measurements, also: Sequence[str] = ()) -> Calibration:
-    """Fit the finger's parameters, and those of `also` (names of `OPTIONAL`), to its data.
+def calibrate(
+    description: ModelDescription,
+    data: Measurements,
+    also: Sequence[str] = (),
+    kinds: Sequence[type[Effect]] = (),
+    same_finger: bool = False,
+) -> Calibration:
+    """Fit the finger's parameters, those of `also` (names of `OPTIONAL`) and of effects of `kinds` to its data.
 
-    The priors are centred on the model's own values. Of the data only friction is used. ModelError where they cannot
-    carry a fit.
+    The priors are centred on the model's own values; with `same_finger`, what a finger keeps (`KEPT`) is believed as
+    far as the model says. An effect to fit that the model has on begins anew. Of the data only friction is used.
+    ModelError where they cannot carry a fit.
     """
     data = data.subset(data.of(FRICTION))
     free = (*FINGER, *(_optional(name) for name in also))
+    if same_finger:
+        free = tuple(_as_known(n, description.parameters[n.name]) for n in free)
+    fitted = {kind.name for kind in kinds}
+    others = {name: values for name, values in description.effect_parameters.items() if name not in fitted}
+    description = replace(description, effect_parameters=others)
     noise = noise_of(data)
     if data.count < LEAST_ROWS or not data.driven.any():
         raise ModelError(
@@ -101,11 +115,13 @@ def calibrate(description: ModelDescription, data: Measurements, also: Sequence[
     if noise is None:
         raise ModelError("the noise of the data is not known", "Give a column cof_std, or measure settings repeatedly")
     problem = Problem(Predictor(description, data, free), data.observed, noise)
+    unmoved = np.zeros(problem.predictor.size(kinds) - len(free))
     starts = [np.array([0.0 if n.name == "cof_off" else x for n in free]) for x in STARTS]
-    fit = max((problem.fit([], start) for start in starts), key=lambda found: found.log_evidence)
+    fits = (problem.fit(kinds, np.concatenate([start, unmoved])) for start in starts)
+    fit = max(fits, key=lambda found: found.log_evidence)
     parameters = tuple(_fitted(description, n, fit, i) for i, n in enumerate(free))
     correlated = _correlated(free, fit)
-    predicted = np.exp(problem.predictor.predicted([], fit.vector[None])[0])
+    predicted = np.exp(problem.predictor.predicted(kinds, fit.vector[None])[0])
     return Calibration(
         model=_model(description, data, free, fit),
         parameters=parameters,
@@ -116,6 +132,13 @@ def calibrate(description: ModelDescription, data: Measurements, also: Sequence[
         fit=fit,
         predicted_cof=predicted,
     )
+
+
+def _as_known(nuisance: Nuisance, own: Parameter) -> Nuisance:
+    """With the model's own spread, where it says one that is narrower."""
+    if nuisance.name not in KEPT or not own.std:
+        return nuisance
+    return replace(nuisance, log_std=min(nuisance.log_std, own.std / own.value))
 
 
 def _optional(name: str) -> Nuisance:
@@ -171,7 +194,7 @@ def _warnings(
         if p.learnt > BARELY_LEARNT
     ]
     said += [f"{a} and {b} are known only together (correlation {r:+.2f})" for a, b, r in correlated]
-    far = np.abs(fit.vector) > FAR
+    far = np.abs(fit.vector[: len(parameters)]) > FAR
     said += [f"{p.name} lies far outside its prior" for p, is_far in zip(parameters, far, strict=True) if is_far]
     if data.driven.all():
         said.append("no row is without voltage: friction without voltage follows from the model alone")
@@ -192,6 +215,7 @@ def _model(description: ModelDescription, data: Measurements, free: Sequence[Nui
         name=f"{description.name.removesuffix('-calibrated')}-calibrated",
         about=f"{description.name}, calibrated to one finger",
         parameters=held | fitted_nuisances(description, fit, free, source),
+        effect_parameters=description.effect_parameters | fitted_effects(fit, source),
     )
 
 

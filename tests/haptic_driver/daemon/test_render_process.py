@@ -126,6 +126,52 @@ def test_a_new_target_acts_with_the_next_tick(bench):
     assert after.voltage_v > before.voltage_v
 
 
+def other_surface(settings, off, rise):
+    """The same look-up with other friction without voltage and another rise; as a number of orders has it."""
+    told = settings.tick.controller.settings
+    low = told.surface.cof[:, :, :1]
+    return replace(told, surface=told.surface._replace(cof=off * low + rise * (told.surface.cof - low)))
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_another_surface_between_two_ticks_moves_no_voltage(bench, render_settings, known):
+    """Friction without voltage 10 % less and 40 % more rise; with a finger that nobody knows and with a known one."""
+
+    def slide(seconds):
+        outputs = []
+        for i in range(round(seconds / PERIOD_S)):
+            outputs += bench.run(PERIOD_S)
+            noise = 1e-6 * (i % 2)  # or no reading would be a new one
+            bench.lateral_n = 0.5 * (0.5 + 2.5e-5 * outputs[-1].voltage_v ** 2) + noise if known else math.nan
+        return outputs
+
+    bench.render(0.65)
+    before = slide(0.4)[-1]
+    expected = bench.shared.ring.newest(1)["expected_cof"][0]
+    bench.shared.surfaces.write(1, other_surface(render_settings, 0.9, 1.4))
+    bench.command(surface=1)
+    after = slide(0.2)
+    moved_v = np.diff([before.voltage_v, *(output.voltage_v for output in after)])
+    assert before.voltage_v > 50.0
+    assert (before.surface, after[0].surface) == (0, 1)
+    assert np.abs(moved_v).max() < 0.5
+    assert bench.shared.ring.newest(1)["expected_cof"][0] == pytest.approx(expected, rel=0.01)
+
+
+def test_a_new_arming_knows_nothing_of_the_finger_but_keeps_the_surface(bench, render_settings):
+    bench.shared.surfaces.write(1, other_surface(render_settings, 1.0, 1.4))
+    bench.command(surface=1)
+    bench.render(0.65)
+    with_it = bench.run(0.3)[-1].voltage_v
+    bench.command(arming=2)
+    assert bench.run(0.3)[-1].voltage_v == pytest.approx(with_it)
+    bench.shared.surfaces.write(2, render_settings.tick.controller.settings)
+    bench.command(surface=2, arming=3)
+    assert bench.run(0.3)[-1].voltage_v == pytest.approx(
+        math.sqrt(1.4) * with_it, rel=0.04
+    )  # goes a little faster than V^2
+
+
 def test_an_order_to_stop_acts_with_the_next_tick(bench):
     bench.render()
     bench.run(0.1)
@@ -349,7 +395,7 @@ def test_a_tick_that_fails_leaves_zero_and_a_fault_behind(envelope_settings, sha
         now_s = time.monotonic()
         was_on = was_on or shared.output.read().output_on
         shared.sensed.write(Sensed(now_s, 0.03, 0.03, True, now_s, 0.5, 0.3, False))
-        shared.order.write(Order(1, 1, True, math.inf, now_s, 2 if was_on else 1))
+        shared.order.write(Order(1, 1, True, math.inf, now_s, 2 if was_on else 1, 0))
         time.sleep(0.005)
     ended, output = child.ended, shared.output.read()
     child.stop()

@@ -37,7 +37,7 @@ LIFT = Part(0.2, normal_force_n=0.0, speed_m_s=0.0)
 
 def ticks(
     parts: Sequence[Part], law: Callable[..., float], rng: np.random.Generator,
-    wobble: float = 0.05, noise_n: float = 0.003,
+    wobble: float = 0.05, noise_n: float = 0.003, latency_s: float = LATENCY_S,
 ) -> np.ndarray:  # fmt: skip
     """Samples of `parts` one after the other; friction is `law`'s, varied by `wobble` with a memory of WOBBLE_S."""
     counts = [round(part.duration_s / TICK_S) for part in parts]
@@ -47,7 +47,7 @@ def ticks(
     for name in Part._fields[1:]:
         made[name] = np.repeat([getattr(part, name) for part in parts], counts)
     made["in_contact"] = made["normal_force_n"] > 0.0
-    delay = round(LATENCY_S / TICK_S)
+    delay = round(latency_s / TICK_S)
     felt_v, felt_hz = (np.roll(made[name], delay) for name in ("voltage_v", "frequency_hz"))
     felt_v[:delay] = 0.0
     plant = FingerPlant(lambda f, v, n, s: law(f, v, n, s, 0.0))
@@ -69,10 +69,10 @@ def ticks(
     return made
 
 
-def record(path: Path, *runs: np.ndarray) -> Path:
+def record(path: Path, *runs: np.ndarray, header: RunHeader = HEADER) -> Path:
     """A recording of these runs."""
     for samples in runs:
-        writer = RunWriter(path, HEADER)
+        writer = RunWriter(path, header)
         writer.append(Chunk(samples, 0, []))
         writer.close()
     return path
