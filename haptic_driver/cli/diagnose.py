@@ -190,7 +190,9 @@ def _show(found: dict[str, Any], out: Path, again: str | None) -> None:
         stdout.print(f"warning: {warning}")
     if again is not None:
         stdout.print(f"to tell more, on the same rig:\n  {again}")
-    stdout.print(f"report: {out / 'report.html'}; model: {found['model']}; pictures: {', '.join(found['pictures'])}")
+    stdout.print(f"report: {out / 'report.html'}; model: {found['model']}")
+    for picture in found["pictures"]:
+        stdout.print(f"picture: {picture}")
 
 
 def place(region: Mapping[str, Any]) -> str:
