@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,10 +15,11 @@ from typer import Argument, Option
 from haptic_driver.cli.output import Json, ModelOption, RigOption, RowsOption, named, report, status, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.check import told
+from haptic_driver.experiments.data_file import meta_path
 from haptic_driver.experiments.plan import LONGEST_S, Plan, Setting, load_plan, write_plan
 from haptic_driver.experiments.recorded import read_data
 from haptic_driver.experiments.resolving import ways
-from haptic_driver.files import bad_input, writing
+from haptic_driver.files import bad_input, read_text, writing
 from haptic_driver.pictures.model import draw_resolution
 from haptic_driver.rig.config import load_rig
 from haptic_driver.surface.models import load_model
@@ -75,7 +78,8 @@ def diagnose(
     with writing(out):
         found = write_report(diagnosis, description, out, ", ".join(path.name for path in given))
     following = _write_next_plan(found["next_experiments"], out / "next_plan.toml")
-    report(as_json, found | {"next_plan": str(following) if following else None}, lambda: _show(found, out, following))
+    again = once_more(following, given, model, out) if following else None
+    report(as_json, found | {"next_plan": str(following) if following else None}, lambda: _show(found, out, again))
 
 
 def _show_levels(
@@ -154,7 +158,7 @@ def _write_next_plan(steps: Sequence[Mapping[str, Any]], path: Path) -> Path | N
     return path
 
 
-def _show(found: dict[str, Any], out: Path, plan: Path | None) -> None:
+def _show(found: dict[str, Any], out: Path, again: str | None) -> None:
     still = "" if found["adequate"] else " (the model is not adequate yet)"
     stdout.print(Text.assemble("verdict: ", (found["verdict"], "bold"), still))
     for said in found["learned"]["words"] if found["learned"] else ():
@@ -173,8 +177,8 @@ def _show(found: dict[str, Any], out: Path, plan: Path | None) -> None:
         table.add_row(row["name"], f"{row['probability']:.3g}")
     stdout.print(table)
     for region in found["where"][:3]:
-        axis, low, high = region["axis"], region["low"], region["high"]
-        stdout.print(f"  disagrees at {axis} {low} to {high}: p = {region['p_value']:.2g}, sign {region['sign']:+d}")
+        said = f"p = {region['p_value']:.2g}, sign {region['sign']:+d}"
+        stdout.print(f"  disagrees at {place(region)}: {said}")
     fit = found["fit"]
     if fit["gap_closed"] is not None:
         held = fit["held_out_chi2_per_point"]
@@ -184,8 +188,27 @@ def _show(found: dict[str, Any], out: Path, plan: Path | None) -> None:
         )
     for warning in found.get("warnings", []):
         stdout.print(f"warning: {warning}")
-    if plan is not None:
-        stdout.print(
-            f"next: haptic measure --plan {plan} --out more.csv on the same rig, then diagnose --also more.csv"
-        )
+    if again is not None:
+        stdout.print(f"to tell more, on the same rig:\n  {again}")
     stdout.print(f"report: {out / 'report.html'}; model: {found['model']}")
+    for picture in found["pictures"]:
+        stdout.print(f"picture: {picture}")
+
+
+def place(region: Mapping[str, Any]) -> str:
+    """Where a region lies, on one axis or on two."""
+    axes, lows, highs = (
+        value if isinstance(value, list) else [value] for value in (region["axis"], region["low"], region["high"])
+    )
+    return " and ".join(f"{axis} {low:g} to {high:g}" for axis, low, high in zip(axes, lows, highs, strict=True))
+
+
+def once_more(plan: Path, given: Sequence[Path], model: str, out: Path) -> str:
+    """The commands that measure a plan and diagnose all of it, as they may be pasted."""
+    measured = out / "more.csv"
+    sidecar = meta_path(given[0])
+    rig = json.loads(read_text(sidecar)).get("rig", "RIG") if sidecar.exists() else "RIG"
+    also = [word for path in [*given[1:], measured] for word in ("--also", str(path))]
+    measure = ["haptic", "measure", "--rig", rig, "--plan", str(plan), "--out", str(measured)]
+    diagnose = ["haptic", "diagnose", str(given[0]), *also, "--model", model, "--out", str(out)]
+    return f"{shlex.join(measure)} && \\\n  {shlex.join(diagnose)}"

@@ -53,14 +53,14 @@ def study(
         "statistics": spread,
         "pictures": pictures,
     }
-    report(as_json, payload, lambda: _show(spread, out))
+    report(as_json, payload, lambda: _show(spread, [str(out), *pictures]))
 
 
 def _said(combination: dict[str, float]) -> str:
     return "".join(f", {name} {value:g}" for name, value in combination.items())
 
 
-def _show(spread: list[dict[str, Any]], out: Path) -> None:
+def _show(spread: list[dict[str, Any]], written: list[str]) -> None:
     for entry in spread:
         table = Table("", "5 %", "25 %", "median", "75 %", "95 %", box=None, title=_said(entry["levels"])[2:] or None)
         for name, values in entry.items():
@@ -68,4 +68,4 @@ def _show(spread: list[dict[str, Any]], out: Path) -> None:
                 shown = ("-" if v is None else f"{v:.4g}" for k, v in values.items() if k != "count")
                 table.add_row(name, *shown)
         stdout.print(table)
-    stdout.print(f"results: {out}")
+    stdout.print(f"results: {', '.join(written)}")

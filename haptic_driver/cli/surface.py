@@ -82,8 +82,8 @@ def plot(
     """
     from haptic_driver.pictures.friction import draw_surface  # noqa: PLC0415  (matplotlib is slow to import)
 
-    drawn_n = draw_surface(read_surface(file), normal_force, out)
-    report(as_json, {"picture": str(out), "normal_force_n": drawn_n}, lambda: stdout.print(f"picture: {out}"))
+    draw_surface(read_surface(file), normal_force, out)
+    report(as_json, {"picture": str(out), "normal_force_n": normal_force}, lambda: stdout.print(f"picture: {out}"))
 
 
 def describe(surface: SurfaceFile) -> dict[str, Any]:
@@ -136,7 +136,7 @@ def _words(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{key} {_words(inner)}" for key, inner in value.items())
     if isinstance(value, list):
-        return " to ".join(map(_words, value))
+        return (", " if isinstance(value[0], list) else " to ").join(map(_words, value))
     return "none" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 

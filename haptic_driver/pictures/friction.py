@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.pictures.files import pyplot, saved
-from haptic_driver.signals import WITHIN
+from haptic_driver.signals import WITHIN, Array, Mask
 from haptic_driver.simulation.slide import SlideRecord, score
 from haptic_driver.surface.file import SurfaceFile
 
 TARGET, ACHIEVED, DRIVE = "#d1495b", "#1b6ca8", "#3a3a3a"
 DPI = 130
+FLAT = 15  # nodes of frequency: a step of the limit that is longer is one of the limit itself, not of the nodes
 
 
 def draw_slide(record: SlideRecord, title: str, path: Path) -> None:
@@ -70,29 +72,39 @@ def draw_before_and_after(records: Mapping[str, SlideRecord], path: Path) -> Non
         figure.suptitle("friction under a sliding finger (simulated rig)")
 
 
-def draw_surface(surface: SurfaceFile, normal_force_n: float, path: Path) -> float:
-    """Friction over frequency and voltage at the level nearest to `normal_force_n`, which is returned."""
+def draw_surface(surface: SurfaceFile, normal_force_n: float, path: Path) -> None:
+    """Friction over frequency and voltage under a load that the surface has; colours end where limits do."""
     low, high = surface.normal_force_n[[0, -1]]
     if not low <= normal_force_n <= high:
         said = f"normal force {normal_force_n:g} N is not on the surface"
         raise BadInputError("out_of_range", said, f"Give {low:g} to {high:g} N")
-    level = int(np.argmin(np.abs(np.log(surface.normal_force_n / normal_force_n))))
-    force_n = float(surface.normal_force_n[level])
-    cof = np.ma.masked_invalid(surface.cof[:, :, level].T)
+    values, allowed = surface.section(normal_force_n)
+    cof = np.ma.masked_invalid(values.T)
     f, v = surface.frequency_hz, surface.voltage_v
+    felt = cof[allowed.T] if allowed.any() else cof
     figure, axes = pyplot().subplots(figsize=(8.5, 5.5), layout="constrained")
     with saved(figure, path, DPI):
-        mesh = axes.pcolormesh(f, v, cof, shading="gouraud", cmap="viridis")
+        mesh = axes.pcolormesh(f, v, cof, shading="gouraud", cmap="viridis", vmin=felt.min(), vmax=felt.max())
         lines = axes.contour(f, v, cof, levels=10, colors="white", linewidths=0.6)
-        axes.clabel(lines, fmt="%.2f", fontsize=8)
-        forbidden = np.ma.masked_where(surface.within_limits[:, :, level].T, np.ones(cof.shape))
-        if forbidden.count():
-            axes.contourf(f, v, forbidden, levels=[0.5, 1.5], colors="none", hatches=["////"])
-            axes.contour(
-                f, v, surface.within_limits[:, :, level].T.astype(float), levels=[0.5], colors=TARGET, linewidths=1.5
-            )
-        axes.set(xscale="log", xlabel="frequency, Hz", ylabel="voltage at the electrode, V peak")
+        column = np.searchsorted(f, f[cof.max(axis=0).argmax()] / 4.0)  # beside the ridge, where nothing is hatched
+        at_v = np.interp(lines.levels, cof[:, column], v)
+        places = [(f[column], volts) for volts in at_v if v[0] < volts < 0.97 * v[-1]]
+        for label in axes.clabel(lines, fmt="%.2f", fontsize=8, inline=False, manual=places):
+            label.set(rotation=0.0, va="bottom")
+        limit_hz, limit_v = _limit(allowed, f, v)
+        axes.fill_between(limit_hz, limit_v, v[-1], facecolor="none", edgecolor="black", hatch="////", linewidth=0.0)
+        axes.plot(limit_hz, limit_v, color=TARGET, lw=1.5)
+        axes.set(xscale="log", xlabel="frequency, Hz", ylabel="voltage at the electrode, V peak", ylim=v[[0, -1]])
         name = surface.provenance["model"]["name"]
-        axes.set_title(f"friction by model '{name}' under {force_n:.3g} N; hatched: outside the limits")
-        figure.colorbar(mesh, label="coefficient of friction")
-    return force_n
+        axes.set_title(f"friction by model '{name}' under {normal_force_n:g} N; hatched: outside the limits")
+        beyond = "max" if cof.max() > felt.max() else "neither"
+        figure.colorbar(mesh, label="coefficient of friction", extend=beyond)
+
+
+def _limit(allowed: Mask, frequency_hz: Array, voltage_v: Array) -> tuple[Array, Array]:
+    """The line below which points [f, v] are allowed: straight between the middles of its steps."""
+    last = np.where(allowed.all(axis=1), voltage_v.size, np.argmin(allowed, axis=1)) - 1
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(last)) + 1, [last.size]])
+    corners = [[a, b - 1] if b - a > FLAT else [(a + b - 1) // 2] for a, b in pairwise(starts.tolist())]
+    at = np.concatenate(corners)
+    return frequency_hz[at], voltage_v[np.maximum(last, 0)][at]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
@@ -134,7 +134,7 @@ def build_surface(
             "model": description.provenance(),
             "model_hash": description.content_hash,
             "gap_table_hash": touch.table.content_hash,
-            "limits": repr(limits),
+            "limits": asdict(limits),
             "waveform": "sine",
             **({} if interval is None else {"uncertainty": uncertainty.provenance(description)}),
             **_programs(),

@@ -91,6 +91,15 @@ class SurfaceFile:
         """A pandas DataFrame, one row per point of the grid; HapticError where pandas or xarray is not installed."""
         return self.to_xarray().to_dataframe().reset_index()
 
+    def section(self, normal_force_n: float) -> tuple[Array, Mask]:
+        """Friction [f, v] under one load of the surface's range, and what the limits allow on both sides of it."""
+        nodes = self.normal_force_n
+        above = int(np.clip(np.searchsorted(nodes, normal_force_n), 1, nodes.size - 1))
+        off = self.cof[:, :1]
+        rise = _refined((self.cof - off) * nodes, self, np.array([normal_force_n])) / normal_force_n
+        allowed = self.within_limits[:, :, above - 1] & self.within_limits[:, :, above]
+        return rise[:, :, 0] + off[:, :, 0], allowed
+
     def _datasets(self) -> dict[str, NDArray[Any]]:
         own = {name: getattr(self, name) for name in _REQUIRED}
         more = {} if self.correction is None else self.correction._asdict()

@@ -15,7 +15,7 @@ from model.diagnosis.witness import BY_COLUMN
 from model.effects.learned import LEARNED
 
 PAGE = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
-PIXELS = 1.65  # of a picture to one of the page
+PIXELS = 1.3  # of the page to one point of a picture: its letters are as large as the page's
 COLOURS = {
     "no_discrepancy": "#5b8c5a",
     "effect_found": "#1b6ca8",
@@ -300,10 +300,10 @@ def _image(drawn: Mapping[str, bytes], name: str, alternative: str) -> str:
     """A picture in the page itself, at a size that gives all of them the same letters."""
     if name not in drawn:
         return ""
-    png = drawn[name]
-    width = round(int.from_bytes(png[16:20], "big") / PIXELS)  # from the header of every PNG file
-    source = base64.b64encode(png).decode()
-    return f'<img alt="{escape(alternative)}" style="width:{width}px" src="data:image/png;base64,{source}">'
+    svg = drawn[name]
+    width = round(PIXELS * float(svg.partition(b'width="')[2].partition(b"pt")[0]))
+    source = base64.b64encode(svg).decode()
+    return f'<img alt="{escape(alternative)}" style="width:{width}px" src="data:image/svg+xml;base64,{source}">'
 
 
 def _upper(text: str) -> str:

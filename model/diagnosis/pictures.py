@@ -61,7 +61,7 @@ def pictures(diagnosis: Diagnosis) -> dict[str, bytes]:
         "probabilities": probability_bars(found),
         "held_out": held_out(found),
     }
-    return {name: _png(figure) for name, figure in drawn.items() if figure is not None}
+    return {name: _svg(figure) for name, figure in drawn.items() if figure is not None}
 
 
 def residual_percent(problem: Problem, fit: Fit, data: Measurements, witness: int = FRICTION) -> Array:
@@ -365,8 +365,9 @@ def _literal(text: str) -> str:
     return (text if len(text) <= LONGEST_NAME else text[: LONGEST_NAME - 1] + "…").replace("$", r"\$")
 
 
-def _png(figure: Figure) -> bytes:
+def _svg(figure: Figure) -> bytes:
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=130, metadata={"Software": None})
+    with plt.rc_context({"svg.hashsalt": "haptic"}):  # the same file again from the same data
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     plt.close(figure)
     return buffer.getvalue()

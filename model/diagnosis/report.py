@@ -260,8 +260,9 @@ def write_report(diagnosis: Diagnosis, description: ModelDescription, out_dir: P
     drawn = pictures(diagnosis)
     folder = out_dir / "pictures"
     folder.mkdir(exist_ok=True)
-    for name, png in drawn.items():
-        (folder / f"{name}.png").write_bytes(png)
+    content["pictures"] = [str(folder / f"{name}.svg") for name in drawn]
+    for path, svg in zip(content["pictures"], drawn.values(), strict=True):
+        Path(path).write_bytes(svg)
     text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False)
     (out_dir / "report.json").write_text(text + "\n", encoding="utf-8")
     write_html(content, drawn, out_dir / "report.html")

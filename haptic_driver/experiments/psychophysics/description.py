@@ -244,7 +244,7 @@ class ExperimentFile(Section):
     practice: Annotated[int, Field(ge=0, le=1000)] = 0
     practice_level: Level | None = None
     break_every: Annotated[int, Field(ge=0, le=10_000)] = 0
-    shuffle_blocks: bool = False
+    block_order: Literal["as_written", "random", "balanced"] = "as_written"
     trial: TrialSettings = TrialSettings()
     response: Response = Response()
     delivery: Delivery = Delivery()

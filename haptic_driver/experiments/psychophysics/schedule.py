@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import zlib
 from typing import NamedTuple
 
 import numpy as np
 
+from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.psychophysics.description import Experiment, Stimulus
 from haptic_driver.experiments.psychophysics.methods import Method, method_of
 
@@ -40,8 +42,10 @@ class Schedule:
         self._block = 0
         self._new_block = False
         blocks = experiment.blocks
-        if experiment.file.shuffle_blocks:
+        if experiment.file.block_order == "random":
             blocks = [blocks[i] for i in self._rng(BLOCKS, 0).permutation(len(blocks))]
+        elif experiment.file.block_order == "balanced":
+            blocks = [blocks[i] for i in balanced(len(blocks), _number_of(participant))]
         self._blocks = blocks
         self._methods = self._begun()
 
@@ -102,6 +106,25 @@ class Schedule:
     def _rng(self, purpose: int, number: int) -> np.random.Generator:
         """Random numbers of their own for every purpose, so that a crash changes none."""
         return np.random.default_rng([*self._seeds, purpose, number])
+
+
+def balanced(count: int, number: int) -> list[int]:
+    """The order of so many blocks for participant `number`, 1 and up: a Williams design (Aust. J. Sci. Res. A, 1949).
+
+    Over `count` participants, or twice as many where that is odd, every block comes as often in every place, and as
+    often right after every other.
+    """
+    turn, row = divmod(number - 1, count)
+    zigzag = [i // 2 + 1 if i % 2 else -i // 2 for i in range(count)]
+    order = [(step + row) % count for step in zigzag]
+    return order[::-1] if count % 2 and turn % 2 else order
+
+
+def _number_of(participant: str) -> int:
+    if found := re.search(r"[1-9][0-9]*$", participant):
+        return int(found[0])
+    said = f'participant {participant}: block_order = "balanced" goes by the number at the end of the name'
+    raise BadInputError("bad_name", said, "Name participants P01, P02, and so on")
 
 
 def positive_answer(trial: Trial, answer: int, intervals: int) -> bool:

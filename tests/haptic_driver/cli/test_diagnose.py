@@ -5,9 +5,12 @@ from __future__ import annotations
 import csv
 import json
 import math
+import shlex
+from pathlib import Path
 
 import pytest
 
+from haptic_driver.cli.diagnose import once_more, place
 from haptic_driver.cli.main import main
 from haptic_driver.experiments.plan import load_plan
 
@@ -208,3 +211,21 @@ def test_data_are_held_against_a_plan(tmp_path, capsys):
 def test_neither_data_nor_a_plan_is_told(capsys):
     assert main(["diagnose"]) != 0
     assert "give data or --plan" in capsys.readouterr().err
+
+
+def test_what_is_printed_next_may_be_pasted(tmp_path):
+    data = tmp_path / "my data.csv"
+    (tmp_path / "my data.csv.meta.json").write_text('{"rig": "hidden_humidity"}')
+    lines = once_more(Path("out/next_plan.toml"), [data], "reference", Path("out")).replace("\\\n", "").split("&&")
+    measure, diagnose = (shlex.split(line) for line in lines)
+    assert measure[:4] == ["haptic", "measure", "--rig", "hidden_humidity"]
+    assert measure[4:] == ["--plan", "out/next_plan.toml", "--out", "out/more.csv"]
+    assert diagnose[:3] == ["haptic", "diagnose", str(data)]
+    assert diagnose[3:] == ["--also", "out/more.csv", "--model", "reference", "--out", "out"]
+
+
+def test_a_region_is_told_in_words():
+    one = {"axis": "frequency_hz", "low": 5.0, "high": 80.0}
+    two = {"axis": ["frequency_hz", "voltage_v"], "low": [5.0, 60.0], "high": [80.0, 130.0]}
+    assert place(one) == "frequency_hz 5 to 80"
+    assert place(two) == "frequency_hz 5 to 80 and voltage_v 60 to 130"

@@ -7,6 +7,7 @@ import pytest
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.pictures.friction import draw_slide, draw_surface
 from haptic_driver.rig.slide import Slide
+from model.conditions import Conditions
 from tests.haptic_driver.slide_records import made_record
 
 
@@ -31,11 +32,20 @@ def test_a_slide_without_contact_is_drawn_without_a_warning(tmp_path):
     assert_picture(tmp_path / "slide.png")
 
 
-@pytest.mark.parametrize(("asked_n", "drawn_n"), [(0.1, 0.1), (0.5, 0.1 * 20.0 ** (2.0 / 3.0)), (2.0, 2.0)])
-def test_a_surface_at_the_nearest_level(small_file, tmp_path, asked_n, drawn_n):
-    # levels of the small surface: 0.1, 0.271, 0.737 and 2 N; in logarithms 0.5 N is nearer to 0.737 N
-    assert draw_surface(small_file, asked_n, tmp_path / "surface.png") == pytest.approx(drawn_n)
+@pytest.mark.parametrize("asked_n", [0.1, 0.5, 2.0])
+def test_a_surface_under_the_load_asked_for(small_file, tmp_path, asked_n):
+    """Levels of the small surface: 0.1, 0.271, 0.737 and 2 N."""
+    draw_surface(small_file, asked_n, tmp_path / "surface.png")
     assert_picture(tmp_path / "surface.png")
+
+
+def test_a_section_is_what_the_model_says_between_levels_too(surface_file, touch):
+    cof, allowed = surface_file.section(0.5)
+    f, v = np.meshgrid(surface_file.frequency_hz[::40], surface_file.voltage_v[1::40], indexing="ij")
+    said = touch.predict(Conditions(f.ravel(), v.ravel(), np.full(f.size, 0.5))).cof
+    assert cof[::40, 1::40].ravel() == pytest.approx(said, rel=2e-3)
+    level = surface_file.normal_force_n.searchsorted(0.5)
+    assert not (allowed & ~surface_file.within_limits[:, :, level]).any()
 
 
 def test_a_surface_of_which_nothing_is_allowed(make_file, tmp_path):

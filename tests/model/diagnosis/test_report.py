@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -186,8 +187,8 @@ def test_the_page_stands_alone(run: Run) -> None:
     page = run.page
     for outside in ("http://", "https://", "<script", "<link", "@import", "url(", "javascript:"):
         assert outside not in page.lower()
-    assert all(source.startswith("data:image/png;base64,") for source in re.findall(r'src="([^"]*)', page))
-    assert page.count("<img") == len(list((run.folder / "pictures").glob("*.png")))
+    assert all(source.startswith("data:image/svg+xml;base64,") for source in re.findall(r'src="([^"]*)', page))
+    assert page.count("<img") == len(list((run.folder / "pictures").glob("*.svg")))
 
 
 def test_the_page_escapes_what_files_say(run: Run) -> None:
@@ -209,16 +210,17 @@ def test_the_page_opens_with_the_verdict_in_words(run: Run) -> None:
     assert words[run.case.verdict] in heading[1]
 
 
-def test_pictures_are_pngs_of_a_sensible_size(run: Run) -> None:
-    drawn = sorted((run.folder / "pictures").glob("*.png"))
+def test_pictures_are_vectors_of_a_sensible_size(run: Run) -> None:
+    drawn = sorted((run.folder / "pictures").glob("*.svg"))
     expected = ["fingerprint", "held_out", "probabilities", "residual_map"] if run.case.stated_noise else []
     assert [p.stem for p in drawn] == expected
     for path in drawn:
-        content = path.read_bytes()
-        assert content.startswith(b"\x89PNG")
-        width, height = (int.from_bytes(content[i : i + 4], "big") for i in (16, 20))
-        assert 300 < height < 2000
-        assert 600 < width < 2200
+        root = ElementTree.parse(path).getroot()
+        assert root.tag.endswith("}svg")
+        width_pt, height_pt = (float(root.attrib[name].removesuffix("pt")) for name in ("width", "height"))
+        assert 170 < height_pt < 1100
+        assert 330 < width_pt < 1220
+    assert sorted(run.content["pictures"]) == list(map(str, drawn))
 
 
 def test_every_candidate_needs_data_to_be_tested(run: Run) -> None:
@@ -230,6 +232,7 @@ def test_every_candidate_needs_data_to_be_tested(run: Run) -> None:
 def test_the_same_seed_gives_the_same_report(run: Run) -> None:
     again = report(run.diagnosis, FINGER, run.content["model"])
     again["data"]["file"] = run.content["data"]["file"]
+    again["pictures"] = run.content["pictures"]
     assert again == run.content
 
 

@@ -264,7 +264,7 @@ def test_a_resistance_that_friction_cannot_name(diagnosed, tmp_path) -> None:
     assert friction.name != "effect_found"
     assert (found.name, names(found)) == ("effect_found", ["series_resistance"])
     content = write_report(found, FINGER, tmp_path, "resistance.csv")
-    assert {"spectrum.png", "fingerprint.png", "fingerprint_1.png", "fingerprint_2.png"} <= {
+    assert {"spectrum.svg", "fingerprint.svg", "fingerprint_1.svg", "fingerprint_2.svg"} <= {
         path.name for path in (tmp_path / "pictures").iterdir()
     }
     assert content["data"]["witnesses"]["current_a"] > 0

@@ -11,7 +11,7 @@ from haptic_driver.experiments.psychophysics.answers import MarkerParticipant
 from haptic_driver.experiments.psychophysics.run import Question
 from haptic_driver.experiments.psychophysics.schedule import Trial
 from tests.haptic_driver.daemon.web import test_dashboard as dashboard
-from tests.haptic_driver.daemon.web.served_page import HANG_MS, expect
+from tests.haptic_driver.daemon.web.served_page import HANG_MS, expect, opened
 
 control, served = dashboard.control, dashboard.served
 QUESTION = Question(1, "Which one had more friction?", ("first", "second"), Trial(1, 1, "a", 0.1, 0, False, False), 0.1)
@@ -42,6 +42,18 @@ def answering(work):
 
 def answers(client):
     return [event.data for event in client.events() if event.message == "answer"]
+
+
+def test_the_daemons_page_leads_to_it_and_hands_on_the_token(browser, served, client):
+    dashboard = opened(browser, served)
+    with dashboard.expect_popup() as popup:
+        dashboard.click("#participant")
+    page = popup.value
+    thread, _ = answering(lambda: MarkerParticipant(client).wait("Slide to and fro."))
+    expect(page.locator("#text")).to_have_text("Slide to and fro.", timeout=HANG_MS)
+    page.click("#answers button")
+    thread.join()
+    dashboard.context.close()
 
 
 def test_a_participant_reads_feels_and_answers_with_large_buttons_or_keys(page, client):

@@ -8,6 +8,7 @@ import math
 import sys
 import types
 from collections import Counter
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from haptic_driver.experiments.psychophysics.delivery import Felt
 from haptic_driver.experiments.psychophysics.description import Stimulus
 from haptic_driver.experiments.psychophysics.design import pretended, reached, try_design
 from haptic_driver.experiments.psychophysics.run import run_session
-from haptic_driver.experiments.psychophysics.schedule import Schedule, correct_answer, positive_answer
+from haptic_driver.experiments.psychophysics.schedule import Schedule, balanced, correct_answer, positive_answer
 from tests.haptic_driver.experiments.psychophysics.files import CONSTANT, QUEST_PLUS, STAIRCASE, made
 
 TWO = '[[condition]]\nname = "a"\ncof = 0.5\n[[condition]]\nname = "b"\ncof = 0.6\n'
@@ -63,13 +64,32 @@ def test_blocks_are_kept_apart_and_a_shuffle_is_the_participants_own(tmp_path):
     blocks = '[[block]]\nconditions = ["a"]\n[[block]]\nconditions = ["b"]\n'
     firsts = set()
     for who in ("P1", "P2", "P3", "P4"):
-        experiment = made(tmp_path, "shuffle_blocks = true", conditions=TWO + blocks)
+        experiment = made(tmp_path, 'block_order = "random"', conditions=TWO + blocks)
         trials = all_trials(Schedule(experiment, who, "01"))
         order = [t.condition for t in trials]
         assert order in (6 * ["a"] + 6 * ["b"], 6 * ["b"] + 6 * ["a"])
         assert [t.number for t in trials if t.break_before] == [7]
         firsts.add(order[0])
     assert firsts == {"a", "b"}
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 6])
+def test_a_balanced_order_has_every_block_as_often_in_every_place_and_after_every_other(count):
+    orders = [balanced(count, number) for number in range(1, count * (1 + count % 2) + 1)]
+    for place in zip(*orders, strict=True):
+        assert set(Counter(place).values()) == {1 + count % 2}
+    pairs = Counter(pair for order in orders for pair in pairwise(order))
+    assert len(pairs) == count * (count - 1)
+    assert len(set(pairs.values())) <= 1
+
+
+def test_balanced_blocks_go_by_the_number_of_the_participant(tmp_path):
+    blocks = '[[block]]\nconditions = ["a"]\n[[block]]\nconditions = ["b"]\n'
+    experiment = made(tmp_path, 'block_order = "balanced"', conditions=TWO + blocks)
+    firsts = [Schedule(experiment, f"P{number:02}", "01").next().condition for number in range(1, 5)]
+    assert firsts == ["a", "b", "a", "b"]
+    with pytest.raises(BadInputError, match="number at the end"):
+        Schedule(experiment, "Anna", "01")
 
 
 def test_what_was_not_delivered_comes_again(tmp_path):
