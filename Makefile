@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo demo-diagnosis demo-live test soak mutate lint bench validate blind docs clean
+.PHONY: demo demo-diagnosis demo-live test soak mutate lint bench bench-live validate blind docs clean
 
 .venv/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -46,6 +46,10 @@ mutate: .venv/.test
 
 bench: .venv/.test
 	$(BIN)/python -m benchmarks
+
+# Ten minutes of a finger that becomes moist, with a fixed model, with two gains and mended: 10 minutes on two cores.
+bench-live: .venv/.test
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks live
 
 # The contact theory against a boundary-element solver: about 10 minutes on two cores; rewrites docs/validation.*.
 validate: .venv/.runtime

@@ -45,6 +45,7 @@ ASKS_DAEMON = (
     "off",
     "disarm",
     "use",
+    "adapt",
     "reset",
     "status",
     "watch",

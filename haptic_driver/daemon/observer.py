@@ -101,21 +101,27 @@ class Observer:
     def _listen(self, settings: ObserverSettings, ending: threading.Event) -> None:
         given = pickle.dumps(settings)
         while not ending.is_set():
-            ours, theirs = socket.socketpair()
-            with Connection(ours.detach()) as link:
-                with theirs:
-                    passed = [self._shared.descriptor, theirs.fileno()]
-                    self._child = child = Child(NAME, __name__, passed, given=given, descriptors=passed)
-                with suppress(EOFError, OSError):
-                    self._link = link
-                    link.send(self.adaptation is not None)
-                    while not ending.is_set():
-                        self.hear(link.recv(), settings.surface, ending)
-            child.kill()
+            with suppress(EOFError, OSError):  # it has died, or there was nothing to start it with
+                self._attend(given, settings.surface, ending)
+            if self._child is not None:
+                self._child.kill()
             if not ending.is_set():
-                self._events.tell(NAME, f"{child.ended}; it is started again, rendering goes on")
+                how = self._child.ended if self._child is not None else "the observer process was not started"
+                self._events.tell(NAME, f"{how}; it is started again, rendering goes on")
                 ending.wait(RETRY_S)
                 self._go_back(ending)  # what it had mended is gone with it
+
+    def _attend(self, given: bytes, base: SurfaceFile, ending: threading.Event) -> None:
+        """Start one and hear it until it ends."""
+        ours, theirs = socket.socketpair()
+        with Connection(ours.detach()) as link:
+            with theirs:
+                passed = [self._shared.descriptor, theirs.fileno()]
+                self._child = Child(NAME, __name__, passed, given=given, descriptors=passed)
+            self._link = link
+            link.send(self.adaptation is not None)
+            while not ending.is_set():
+                self.hear(link.recv(), base, ending)
 
     def _go_back(self, ending: threading.Event) -> None:
         base, self._base = self._base, None

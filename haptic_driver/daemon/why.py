@@ -109,16 +109,16 @@ def main() -> None:
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
     model, folder = sys.argv[1], Path(sys.argv[2])
-    print(json.dumps(_answer(model, folder)), flush=True)
+    print(json.dumps(answer(model, folder)), flush=True)
 
 
-def _answer(model: str, folder: Path) -> dict[str, Any]:
+def answer(model: str, folder: Path) -> dict[str, Any]:
     """The fields of `Why` that come of it."""
-    description = load_model(model)
     try:
+        description = load_model(model)
         diagnosis = diagnose(description, read_measurements(folder / ROWS), 0, lambda step: None)
         found = write_report(diagnosis, description, folder, "what was rendered")
-    except ModelError as error:
+    except (HapticError, ModelError) as error:
         return {"state": "failed", "said": f"{error.message}. {error.hint}"}
     return {
         "state": "done",

@@ -24,7 +24,7 @@ from model.effects.skin_hydration import SkinHydration
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
 
-MEMORY_S = 90.0  # by which a row's variance grows e-fold
+MEMORY_S = 40.0  # by which a row's variance grows e-fold
 LEVEL_S = 10.0  # in which friction as a whole hardly drifts; in between it may by 5 %, as from session to session
 MOST_ROWS = 400  # the newest: older ones would cost time and say little
 LEAST_HELD_OUT = 5

@@ -202,8 +202,8 @@ def step(
 def carried(held: Held, before: Held, state: ControllerState, speed_m_s: float, voltage_v: float) -> ControllerState:
     """The state on another surface than `before`, with gains that leave the friction of the present drive as it was.
 
-    So a swap moves no voltage, and what was learnt of the finger goes on from there. With next to no voltage or without
-    contact some usual ones are taken.
+    So a swap moves no voltage. Both gains become the same: what they told apart is the new surface's to know, also at
+    other carriers. With next to no voltage or without contact some usual ones are taken.
     """
     new, old, known, frequency_hz = held[0], before[0], state.estimate, state.frequency_hz
     nodes, load_n, time_s = new.surface.log_normal_force, known.normal_force_n, known.time_s
@@ -215,7 +215,8 @@ def carried(held: Held, before: Held, state: ControllerState, speed_m_s: float, 
     )  # fmt: skip
     (off_n, rise_n), _ = feedback.by_surface(new.surface, new.correction, drive, finger)
     (old_off_n, old_rise_n), _ = feedback.by_surface(old.surface, old.correction, drive, finger)
-    estimate = feedback.rescaled(known, old_off_n / off_n, old_rise_n / rise_n)
+    level = (known.gains.off * old_off_n + known.gains.rise * old_rise_n) / (off_n + rise_n)
+    estimate = feedback.rescaled(known, old_off_n / off_n, old_rise_n / rise_n, level)
     return ControllerState(frequency_hz, estimate, state.commands)
 
 

@@ -258,12 +258,13 @@ def forgotten(law: FeedbackSettings, known: Estimate, gains: Gains, elapsed_s: f
 
 
 @kernel
-def rescaled(known: Estimate, off: float, rise: float) -> Estimate:
-    """The same finger on another surface, whose friction without voltage and whose rise are that many times less."""
+def rescaled(known: Estimate, off: float, rise: float, level: float) -> Estimate:
+    """The same finger on another surface, whose friction without voltage and whose rise are that many times less.
+
+    Both gains are `level` then.
+    """
     g = known.gains
-    gains = Gains(
-        g.off * off, g.rise * rise, g.off_variance * off * off, g.covariance * off * rise, g.rise_variance * rise * rise
-    )
+    gains = Gains(level, level, g.off_variance * off * off, g.covariance * off * rise, g.rise_variance * rise * rise)
     off_n, rise_n = known.expected_off_n / off, known.expected_rise_n / rise
     return Estimate(
         gains, known.gain, known.gain_rate_per_s, known.learning, known.at_limit, known.cautious, off_n, rise_n,

@@ -80,22 +80,33 @@ def written(shared, samples):
         shared.ring.write(sample.item())
 
 
-def test_an_observer_that_dies_is_started_again_and_goes_on(shared, expected, law, rng):
-    events = EventLog()
-    observer = Observer(shared, events, lambda surface, too_late: False)
+def test_an_observer_that_dies_is_started_again_and_mends_where_it_is_asked(shared, expected, law, rng):
+    events, installed = EventLog(), []
+    observer = Observer(shared, events, lambda surface, too_late: installed.append(surface) or True)
     observer.start(expected)
     try:
-        for k in range(2):
-            pid = until(lambda: observer.pids.get("observer"))
-            until(lambda pid=pid: os.getpriority(os.PRIO_PROCESS, pid) == 19)
-            rows = len(observer.rows)
-            until(lambda rows=rows: written(shared, ticks(STROKES, law, rng)) or len(observer.rows) > rows)
-            if k == 0:
-                os.kill(pid, signal.SIGKILL)
-                until(lambda pid=pid: observer.pids["observer"] != pid)
+        before = until(lambda: observer.pids.get("observer"))
+        until(lambda: os.getpriority(os.PRIO_PROCESS, before) == 19)
+        os.kill(before, signal.SIGKILL)
+        until(lambda: observer.pids["observer"] != before)
+        observer.adapt(True)
+        lighter = ticks(2 * STROKES, lambda *at: 0.9 * law(*at), rng, wobble=0.01)
+        samples = lighter.copy()
+
+        def mended():
+            """As render would, some seconds at a time."""
+            written(shared, samples)
+            samples["time_s"] += 10.0
+            return installed
+
+        until(mended)
+        friction = law(200.0, 0.0, 0.5, 0.02, 0.0) / 0.5
+        assert installed[0].cof[0, 0, 2] == pytest.approx(0.9 * friction, rel=0.02)
+        assert observer.rows
     finally:
         observer.close()
-    assert [event.message for event in events.since(0)] == [
-        "the observer process was killed by SIGKILL; it is started again, rendering goes on"
-    ]
+    told = [(event.kind, event.message.partition(":")[0]) for event in events.since(0) if event.kind != "agreement"]
+    said = "the observer process was killed by SIGKILL; it is started again, rendering goes on"
+    assert told[0] == ("observer", said)
+    assert ("adapt", "mended") in told
     until(lambda: not exists(observer.pids["observer"]))

@@ -121,7 +121,7 @@ def test_an_analog_output_in_the_file_is_opened_at_zero_and_makes_the_envelope(r
 def test_a_target_reaches_the_electrode_and_off_takes_it_away(daemon, served):
     status = daemon.status()
     assert (status.state, status.simulated, status.output_on) == (DaemonState.IDLE, False, False)
-    assert set(daemon.pids) == {"render", "watchdog", "loader"}
+    assert set(daemon.pids) == {"render", "watchdog", "loader", "observer"}
     lease = daemon.arm(5.0)
     daemon.set_target(lease.token, RESTING)
     keep_rendering(daemon, lease.token, lambda: served.amplifier.voltage_v > 20.0)

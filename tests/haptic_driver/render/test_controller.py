@@ -24,9 +24,9 @@ from haptic_driver.render.controller import (
     step,
 )
 from haptic_driver.render.correction import NO_CORRECTION
-from haptic_driver.render.feedback import FeedbackSettings
+from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains
 from haptic_driver.render.safety import violation
-from haptic_driver.render.surface import NO_CAPS
+from haptic_driver.render.surface import NO_CAPS, cof_at
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
 from haptic_driver.surface.file import ready_for_lookup
 from model.conditions import Conditions
@@ -343,3 +343,22 @@ def test_the_stage_is_compiled_once_for_all_rigs(surface):
     fixed = make(surface._replace(cof=np.asfortranarray(surface.cof)), "fixed_frequency", fixed_frequency_hz=250)
     ask(pickle.loads(pickle.dumps(fixed)), 0.6)  # as the daemon sends it to render
     assert step.signatures == forms
+
+
+# --- another surface -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("voltage_v", "told"), [(70.0, True), (1e-12, False), (0.0, False), (math.nan, False)])
+def test_another_surface_takes_one_gain_that_leaves_friction_as_it_was(surface, voltage_v, told):
+    """Also from next to no voltage, where two rises have no ratio."""
+    low = surface.cof[:, :, :1]
+    other = surface._replace(cof=0.9 * low + 1.4 * (surface.cof - low))
+    law = {"fixed_frequency_hz": 200.0, "feedback": FeedbackSettings(0.03)}
+    before, after = (make(each, "fixed_frequency", **law) for each in (surface, other))
+    known = Estimate(Gains(1.1, 0.8, 0.01, 0.0, 0.01), time_s=1.0, normal_force_n=0.5)
+    gains = after.carried(before, ControllerState(200.0, known), 0.02, voltage_v).estimate.gains
+    assert gains.off == gains.rise
+    assert 0.5 < gains.off < 2.0
+    if told:
+        off, on = (cof_at(surface, 200.0, v, 0.5) for v in (0.0, voltage_v))
+        assert gains.off * cof_at(other, 200.0, voltage_v, 0.5) == pytest.approx(1.1 * off + 0.8 * (on - off))

@@ -12,6 +12,7 @@ from model.analysis.uncertainty import uncertain_numbers
 from model.description import read_model
 from model.diagnosis.data import Measurements, read_measurements
 from model.diagnosis.witness import CURRENT, FRICTION
+from model.effects.skin_hydration import SkinHydration
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
 from tests.blind.generator import build, designs
@@ -167,6 +168,35 @@ def test_data_without_any_noise_are_refused(reference):
     data = Measurements(columns, np.zeros(n, np.intp), ("1",), None, "none")
     with pytest.raises(ModelError, match="noise"):
         calibrate(reference, data)
+
+
+def test_what_a_finger_keeps_is_believed_as_far_as_its_model_says(found, rich):
+    """The same data again: a finger that was calibrated moves no farther than its own uncertainty."""
+    own = found.model.parameters["roughness_rms_m"]
+    sure = replace(
+        found.model, parameters=found.model.parameters | {"roughness_rms_m": replace(own, std=1e-3 * own.value)}
+    )
+    wrong = replace(rich[0], columns=rich[0].columns | {"voltage_v": 0.9 * rich[0].columns["voltage_v"]})
+    moved = [
+        calibrate(sure, wrong, same_finger=same).model.parameters["roughness_rms_m"].value / own.value - 1.0
+        for same in (False, True)
+    ]
+    assert abs(moved[0]) > 0.03
+    assert abs(moved[1]) < 0.01
+
+
+def test_an_effect_is_fitted_with_the_finger(reference, rich):
+    """Of a finger without any it stays off; with one that is on in the model the fit begins anew."""
+    fitted = calibrate(reference, rich[0], kinds=(SkinHydration,))
+    wetness = fitted.model.effect_parameters["skin_hydration"]["wetness"]
+    assert abs(wetness.value) < 3.0 * wetness.std < 1.0
+    again = calibrate(fitted.model, rich[0], kinds=(SkinHydration,)).model.effect_parameters["skin_hydration"][
+        "wetness"
+    ]
+    assert again.value == pytest.approx(wetness.value, abs=wetness.std)
+    np.testing.assert_allclose(
+        TouchModel(fitted.model).predict(rich[0].conditions()).cof, fitted.predicted_cof, rtol=1e-9
+    )
 
 
 def test_only_friction_is_used(reference, rich, found):

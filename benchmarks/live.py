@@ -1,0 +1,331 @@
+"""Ten minutes of rendering on a finger that becomes moist and dries, with a film that builds up: what mending is worth.
+
+The finger is that of the blind generator, which shares no code with the model; its moisture has another form than the
+catalogue's. Time is simulated, one tick per millisecond, and the drive an envelope on a carrier of 200 Hz. Limits of
+contact current are lifted, so that 10 kHz reaches some friction. Judged is the friction behind wobble and sensor noise.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import beta, chi2
+
+from benchmarks.claim import Claim
+from haptic_driver.config import texture_dirs
+from haptic_driver.daemon.agreement import Agreement, Window
+from haptic_driver.experiments.mending import Mended, mend
+from haptic_driver.experiments.recorded import Recorded, cut
+from haptic_driver.limits import OperatingLimits
+from haptic_driver.processes.samples import SAMPLE
+from haptic_driver.recording.read import Run
+from haptic_driver.render import envelope
+from haptic_driver.render.controller import Controller, ControllerSettings
+from haptic_driver.render.drive import DriveSettings
+from haptic_driver.render.feedback import FeedbackSettings, Gains
+from haptic_driver.render.finger import FingerSettings
+from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
+from haptic_driver.signals import SLIDING_M_S, WITHIN, Array, FingerSample
+from haptic_driver.surface.build import SurfaceAxes, build_surface
+from haptic_driver.surface.file import ready_for_lookup
+from haptic_driver.surface.models import load_model
+from haptic_driver.textures.library import load_texture
+from hw.finger.plant import FingerPlant
+from model.description import ModelDescription
+from tests.blind.generator.effects_electric import skin_hydration
+from tests.blind.generator.nuisance import ROUGHNESS, draw_finger
+from tests.blind.generator.touch import Finger, Rows, friction, prepare
+
+TICK_S = 0.001
+LATENCY_TICKS = 3
+BUDGET_S = {"sensor": 0.0, "tick": 0.0005, "envelope": 0.002, "instrument": 0.001, "total": 0.0035}
+CARRIER_HZ, OTHER_HZ = 200.0, 10e3
+LIMITS = OperatingLimits(150.0, 1.0, 1e6, contact_current_a_rms=((1.0, 1.0), (1e6, 1.0)))
+AXES = SurfaceAxes(frequency_low_hz=100.0, frequency_high_hz=20e3, frequency_count=40, voltage_count=76)
+FIXED, GAINS, MENDED = ARMS = ("fixed model", "two gains", "mended")
+TEXTURES = ("grating", "linen")
+FINGERS = (1, 2, 3)  # seeds
+WORKERS = 2
+DURATION_S, VISIT_S, PERIOD_S = 600.0, 10.0, 30.0  # of sliding, once in a period, off the screen in between
+MEND_EVERY_S, HELD_OUT_S, CHANGE_EVERY_S = 5.0, 2.0, 2.5
+WOBBLE, WOBBLE_S, NOISE_N = 0.02, 0.010, 0.003
+NODES_S = 10.0
+V2_NODES = np.linspace(0.0, 150.0**2, 31)
+LOAD_NODES = np.geomspace(0.15, 1.2, 8)
+
+
+class Skin:
+    """Friction of one independent finger over time: tables over load and voltage squared, every NODES_S."""
+
+    def __init__(self, seed: int, duration_s: float, frequency_hz: float) -> None:
+        rng = np.random.default_rng(seed)
+        finger, wettest, film_m = draw_finger(rng), rng.uniform(0.8, 1.6), rng.uniform(0.02e-6, 0.10e-6)
+        finger = replace(finger, mu_off=rng.uniform(0.42, 0.55))
+        self._tables = []
+        for time_s in np.arange(0.0, duration_s + 2.0 * NODES_S, NODES_S):
+            wet, grown = np.sin(np.pi * time_s / 600.0) ** 2, time_s / 600.0
+            now = replace(finger, mu_off=finger.mu_off * (1.0 + 0.2 * wet), gap_offset=film_m * grown)
+            self._tables.append(table(now, wettest * wet, frequency_hz))
+
+    def cof(self, time_s: float, voltage_v: float, load_n: float) -> float:
+        k, share = divmod(time_s / NODES_S, 1.0)
+        i, a = divmod(min(voltage_v**2 / V2_NODES[1], V2_NODES.size - 1.001), 1.0)
+        position = np.log(load_n / LOAD_NODES[0]) / np.log(LOAD_NODES[1] / LOAD_NODES[0])
+        j, b = divmod(min(max(position, 0.0), LOAD_NODES.size - 1.001), 1.0)
+        weights = (1.0 - share, share), (1.0 - b, b), (1.0 - a, a)
+        total = 0.0
+        for (dk, wk), (dj, wj), (di, wi) in product(*(enumerate(w) for w in weights)):
+            total += wk * wj * wi * self._tables[int(k) + dk][int(j) + dj][int(i) + di]
+        return total
+
+
+def table(finger: Finger, wetness: float, frequency_hz: float) -> list[list[float]]:
+    load_n, v2 = (grid.ravel() for grid in np.meshgrid(LOAD_NODES, V2_NODES, indexing="ij"))
+    rows = Rows(np.full(v2.size, frequency_hz), np.sqrt(v2), load_n, np.full(v2.size, 0.02), np.zeros(v2.size))
+    state = prepare(rows, finger, ROUGHNESS)
+    skin_hydration(state, wetness, {"fall": 1.0}, True)
+    return friction(state).reshape(LOAD_NODES.size, V2_NODES.size).tolist()
+
+
+class Result(NamedTuple):
+    """One finger, texture and arm: share of reachable sliding time within 5 %, friction right after a change of carrier
+    relative to what was wanted [n], the same had the rise's gain been that of friction without voltage, jumps of
+    voltage at swaps [m], V, and how many models were mended and dropped.
+    """
+
+    within: float
+    changed: Array
+    level: Array
+    jumps_v: Array
+    mended: int
+    dropped: int
+
+
+class Arm:
+    """The tick's stages with one way of knowing the finger."""
+
+    def __init__(self, kind: str, texture: str) -> None:
+        self.kind = kind
+        self.file_model = self.model = load_model("reference")
+        finger = FingerSettings(output_latency_s=BUDGET_S["total"])
+        self.stages = TickSettings(
+            finger, load_texture(texture, texture_dirs()), self.controller(self.model), LIMITS, DriveSettings()
+        )
+        self.other = self.controller(self.model, OTHER_HZ)
+        self.rows: list[Recorded] = []
+        self.said: list[Mended | None] = []
+
+    def controller(self, model: ModelDescription, frequency_hz: float = CARRIER_HZ) -> Controller:
+        surface = ready_for_lookup(build_surface(model, LIMITS, AXES), LIMITS)
+        law = None if self.kind == FIXED else FeedbackSettings(LATENCY_TICKS * TICK_S)
+        return Controller(ControllerSettings(surface, LIMITS, "fixed_frequency", frequency_hz, feedback=law))
+
+    def learn(self, samples: np.ndarray, state: TickState, speed_m_s: float) -> TickState:
+        """Rows of the last seconds; with mending, another surface where that is better."""
+        start_s, end_s = samples["time_s"][0], samples["time_s"][-1]
+        new = cut(Run("now", {"latency_budget_s": BUDGET_S}, {}, samples, []))
+        self.rows += [r._replace(measured=r.measured._replace(time_s=start_s + r.measured.time_s)) for r in new]
+        seen = [r for r in self.rows if r.measured.time_s < end_s - HELD_OUT_S]
+        unseen = [r for r in self.rows if r.measured.time_s >= end_s - HELD_OUT_S]
+        found = mend(seen, self.file_model, unseen, self.model)
+        self.said.append(found if isinstance(found, Mended) else None)
+        if not isinstance(found, Mended):
+            return state
+        self.model, before = found.model, self.stages.controller
+        self.stages = replace(self.stages, controller=self.controller(self.model))
+        self.other = self.controller(self.model, OTHER_HZ)
+        carried = self.stages.controller.carried(before, state.controller, speed_m_s, state.command.voltage_v)
+        return state._replace(controller=carried)
+
+
+def slid(time_s: float) -> tuple[float, float, float]:
+    """Position, speed and load of the finger: strokes of 60 mm at up to 47 mm/s."""
+    phase = 2.0 * np.pi * time_s / 4.0
+    load_n = 0.5 * np.exp(0.35 * np.sin(2.0 * np.pi * time_s / 37.0) + 0.15 * np.sin(2.0 * np.pi * time_s / 3.1))
+    return 0.03 * np.sin(phase), 0.03 * 2.0 * np.pi / 4.0 * np.cos(phase), load_n
+
+
+class Bench:
+    """One finger rendered on by one arm."""
+
+    def __init__(self, kind: str, texture: str, seed: int) -> None:
+        self.skin, self.other = Skin(seed, DURATION_S, CARRIER_HZ), Skin(seed, DURATION_S, OTHER_HZ)
+        self.arm, self.state = Arm(kind, texture), TickState()
+        self._rng = np.random.default_rng([seed, 1])
+        self.within: list[bool] = []
+        self.changed: list[float] = []
+        self.level: list[float] = []
+        self.jumps_v: list[float] = []
+
+    def visit(self, begin_s: float) -> None:
+        """The finger comes, slides and goes; the arm learns of it."""
+        count, kept = round(VISIT_S / TICK_S), np.exp(-TICK_S / WOBBLE_S)
+        made, noise = np.zeros(count, SAMPLE), self._rng.standard_normal((count, 3))
+        now_s, wobble, on_way = begin_s, 0.0, deque([0.0] * LATENCY_TICKS)
+        plant = FingerPlant(lambda f, v, n, s: n * self.skin.cof(now_s, v, n))
+        for i in range(count):
+            now_s = begin_s + TICK_S * i
+            position_m, speed_m_s, load_n = slid(now_s)
+            plant.step(TICK_S, CARRIER_HZ, on_way.popleft() ** 0.5, load_n, abs(speed_m_s))
+            wobble = kept * wobble + (1.0 - kept**2) ** 0.5 * noise[i, 0]
+            lateral_n = plant.lateral_force_n * (1.0 + WOBBLE * wobble) + NOISE_N * noise[i, 1]
+            sample = FingerSample(now_s, position_m, 0.0, load_n + NOISE_N * noise[i, 2], lateral_n)
+            done, power_v2 = self.tick(sample)
+            on_way.append(power_v2)
+            made[i] = told(i, speed_m_s, sample, done)
+            if abs(speed_m_s) > SLIDING_M_S and done.finger.in_contact:
+                self.judge(now_s, position_m, load_n, plant.lateral_force_n, done)
+                if i % round(CHANGE_EVERY_S / TICK_S) == 0:
+                    gains = self.state.controller.estimate.gains
+                    self.changed += carrier_changed(self.arm, gains, self.other, now_s, done)
+                    level = gains._replace(rise=gains.off)
+                    self.level += carrier_changed(self.arm, level, self.other, now_s, done)
+            if self.arm.kind == MENDED and (i + 1) % (every := round(MEND_EVERY_S / TICK_S)) == 0:
+                self.mend(made[i + 1 - every : i + 1], sample, abs(speed_m_s))
+        self.state, _ = tick(self.arm.stages, self.state, FingerSample(now_s + TICK_S, position_m, 0.0, 0.0))
+
+    def mend(self, made: np.ndarray, sample: FingerSample, speed_m_s: float) -> None:
+        """The arm learns; how far the voltage of one and the same sample jumps by that."""
+        before, old = self.state, self.arm.stages
+        self.state = self.arm.learn(made, before, speed_m_s)
+        ways = (old, before), (self.arm.stages, self.state)
+        voltages_v = [tick(stages, state, sample)[1].command.voltage_v for stages, state in ways]
+        self.jumps_v.append(voltages_v[1] - voltages_v[0])
+
+    def tick(self, sample: FingerSample) -> tuple[Tick, float]:
+        """One tick, and the mean square of the course that follows it."""
+        stages = self.arm.stages
+        self.state, done = tick(stages, self.state, sample)
+        power_v2 = done.command.voltage_v**2
+        if done.command.voltage_v == done.wanted.voltage_v:
+            self.state, course_v2 = envelope.ahead(stages, self.state, done, TICK_S)
+            power_v2 = float(course_v2.mean())
+        return done, power_v2
+
+    def judge(self, now_s: float, position_m: float, load_n: float, lateral_n: float, done: Tick) -> None:
+        """Whether friction is the texture's, where that is in reach."""
+        target = self.arm.stages.texture.cof_under(done.finger._replace(position_x_m=position_m, position_y_m=0.0))
+        low, high = (self.skin.cof(now_s, voltage_v, load_n) for voltage_v in (0.0, LIMITS.voltage_v))
+        if low <= target <= high:
+            self.within.append(abs(lateral_n / load_n / target - 1.0) <= WITHIN)
+
+
+def render(case: tuple[str, str, int]) -> Result:
+    """One arm, texture and finger."""
+    bench = Bench(*case)
+    for begin_s in np.arange(0.0, DURATION_S, PERIOD_S):
+        bench.visit(float(begin_s))
+    mended = sum(found is not None for found in bench.arm.said)
+    judged = float(np.mean(bench.within)), *map(np.array, (bench.changed, bench.level, bench.jumps_v))
+    return Result(*judged, mended, len(bench.arm.said) - mended)
+
+
+def told(i: int, speed_m_s: float, sample: FingerSample, done: Tick) -> np.void:
+    """What the ring keeps of a tick."""
+    kept = np.zeros((), SAMPLE)
+    kept["tick"], kept["time_s"], kept["speed_m_s"] = i, sample.time_s, abs(speed_m_s)
+    kept["normal_force_n"], kept["lateral_force_n"] = sample.normal_force_n, sample.lateral_force_n
+    kept["in_contact"], kept["frequency_hz"] = done.finger.in_contact, done.command.frequency_hz
+    kept["voltage_v"] = done.command.voltage_v
+    kept["measured_cof"] = abs(sample.lateral_force_n) / sample.normal_force_n
+    return kept
+
+
+def carrier_changed(arm: Arm, gains: Gains, other: Skin, now_s: float, done: Tick) -> list[float]:
+    """By how much friction is off, relative, at the first tick on another carrier, for two frictions in reach there."""
+    load_n = done.finger.normal_force_n
+    wanted = np.array([other.cof(now_s, voltage_v, load_n) for voltage_v in (70.0, 110.0)])
+    voltages_v, _ = arm.other.along(gains, False, wanted, done.finger, OTHER_HZ)
+    felt = [other.cof(now_s, float(voltage_v), load_n) for voltage_v in voltages_v]
+    return (np.array(felt) / wanted - 1.0).tolist()
+
+
+def run() -> Iterator[Claim]:
+    cases = list(product(ARMS, TEXTURES, FINGERS))
+    with ProcessPoolExecutor(WORKERS) as pool:
+        found = dict(zip(cases, pool.map(render, cases), strict=True))
+    for texture, arm in product(TEXTURES, ARMS):
+        within = [found[arm, texture, finger].within for finger in FINGERS]
+        wanted = ("at least 95 %", min(within) >= 0.95) if arm == MENDED else ()
+        yield Claim(f"{texture}, {arm}: sliding time within 5 % of a target in reach", spread(within), *wanted)
+    for texture in TEXTURES:
+        errors = {arm: [rms(found[arm, texture, finger].changed) for finger in FINGERS] for arm in ARMS}
+        for arm in (FIXED, GAINS):
+            yield Claim(f"{texture}, {arm}: error of friction right after 200 Hz -> 10 kHz", spread(errors[arm]))
+        ratios = [mended / gains for mended, gains in zip(errors[MENDED], errors[GAINS], strict=True)]
+        yield Claim(
+            f"{texture}, {MENDED}: the same, and its share of that with two gains",
+            f"{spread(errors[MENDED])}; {spread(ratios)}", "at most a third", rms(ratios) <= 1.0 / 3.0,
+        )  # fmt: skip
+    for texture, arm in product(TEXTURES, ARMS[1:]):
+        forgotten = [rms(found[arm, texture, finger].level) for finger in FINGERS]
+        yield Claim(f"{texture}, {arm}: the same, were the rise's gain forgotten with the carrier", spread(forgotten))
+    mended = [result for (arm, _, _), result in found.items() if arm == MENDED]
+    jump_v = max(float(np.abs(result.jumps_v).max()) for result in mended)
+    rate_v = DriveSettings().voltage_rise_v_per_s * TICK_S
+    yield Claim("jump of the voltage at a swap", f"{jump_v:.2g} V at most", f"at most {rate_v:g} V", jump_v <= rate_v)
+    counts = sum(result.mended for result in mended), sum(result.dropped for result in mended)
+    yield Claim("models mended, and dropped as no better", f"{counts[0]}, {counts[1]}")
+    yield from agreement()
+
+
+def rms(values: Array | list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def spread(shares: list[float]) -> str:
+    """In the mean over fingers, and from the least to the most."""
+    return f"{100.0 * np.mean(shares):.1f} % ({100.0 * min(shares):.1f}..{100.0 * max(shares):.1f})"
+
+
+def agreement() -> Iterator[Claim]:
+    """The test that runs along, on windows of a described finger, and on 5 % less friction in one place."""
+    rng, hours = np.random.default_rng(5), 8.0
+    fingers, changes = 5, 40
+    false = sum(len(alarms(rng, 3600.0 * hours, lambda _: False)) for _ in range(fingers))
+    low, high = (0.5 * chi2.ppf(q, 2 * (false + k)) if false + k else 0.0 for q, k in ((0.025, 0), (0.975, 1)))
+    yield Claim(
+        f"agreement: false alarms in {hours:g} h of sliding, finger described",
+        f"{false / fingers:.1f} (95 %: {low / fingers:.2f}..{high / fingers:.2f})", "at most 1", false <= fingers,
+    )  # fmt: skip
+    places: dict[str, Callable[[dict[str, float]], bool]] = {
+        "above 75 V": lambda at: at["voltage_v"] > 75.0,
+        "above 0.6 N": lambda at: at["normal_force_n"] > 0.6,
+    }
+    for name, where in places.items():
+        told = [alarms(rng, 900.0, where, 600.0) for _ in range(changes)]
+        delays = np.array([min((t for t in times if t >= 600.0), default=np.inf) - 600.0 for times in told])
+        missed = int(np.sum(delays > 60.0))
+        ends = (
+            beta.ppf(0.025, missed, changes - missed + 1) if missed else 0.0,
+            beta.ppf(0.975, missed + 1, changes - missed),
+        )
+        yield Claim(
+            f"agreement: 5 % less friction {name}: delay, and missed within 60 s",
+            f"{np.median(delays):.0f} s in the median; {missed} of {changes} (95 %: {ends[0]:.0%}..{ends[1]:.0%})",
+            "median within 60 s", bool(np.median(delays) <= 60.0),
+        )  # fmt: skip
+
+
+def alarms(
+    rng: np.random.Generator, duration_s: float, where: Callable[[dict[str, float]], bool], since_s: float = 0.0
+) -> list[float]:
+    """When the test speaks, over windows of one carrier as a texture makes them: five in a second, 3 % of scatter."""
+    test, times = Agreement(), []
+    for i in range(round(duration_s / 0.2)):
+        time_s = 0.2 * i
+        at = {
+            "frequency_hz": CARRIER_HZ, "voltage_v": float(rng.uniform(0.0, 130.0)),
+            "normal_force_n": float(rng.uniform(0.3, 0.9)), "speed_m_s": float(rng.uniform(0.01, 0.08)),
+        }  # fmt: skip
+        change = -0.05 if time_s >= since_s and where(at) else 0.0
+        noise, stated = 0.03 * rng.standard_normal(), 0.03 * np.sqrt(rng.chisquare(8) / 8)
+        if test.add(Window(time_s, at, change + noise, float(stated))):
+            times.append(time_s)
+    return times
