@@ -136,7 +136,9 @@ def _words(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{key} {_words(inner)}" for key, inner in value.items())
     if isinstance(value, list):
-        return (", " if isinstance(value[0], list) else " to ").join(map(_words, value))
+        if isinstance(value[0], list):  # a curve
+            return ", ".join(f"{_words(y)} at {_words(x)}" for x, y in value)
+        return " to ".join(map(_words, value))
     return "none" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 

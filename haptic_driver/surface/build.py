@@ -134,7 +134,8 @@ def build_surface(
             "model": description.provenance(),
             "model_hash": description.content_hash,
             "gap_table_hash": touch.table.content_hash,
-            "limits": asdict(limits),
+            "limits": asdict(limits)
+            | {"contact_current_a_rms": [list(point) for point in limits.contact_current_a_rms]},
             "waveform": "sine",
             **({} if interval is None else {"uncertainty": uncertainty.provenance(description)}),
             **_programs(),

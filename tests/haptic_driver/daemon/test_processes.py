@@ -110,6 +110,13 @@ def test_the_default_socket_is_in_the_users_own_runtime_folder(monkeypatch, tmp_
     assert f"haptic-{os.getuid()}" in str(Address.of(None).path)
 
 
+def test_a_daemon_by_its_page_has_its_lease_in_the_users_own_folder(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    address = Address.of("http://127.0.0.1:8470/page/?token=secret")
+    assert address.lease_file == tmp_path / "haptic" / "127.0.0.1-8470.lease"
+    assert str(address) == "http://127.0.0.1:8470"
+
+
 def test_a_child_that_says_nothing_useful_is_ended_and_told_of():
     child = Child("this", "this", [])  # the module prints a poem
     with pytest.raises(HapticError) as refused:

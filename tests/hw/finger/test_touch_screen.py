@@ -314,7 +314,7 @@ def test_a_device_that_cannot_be_taken_is_let_go_and_said_to_be_gone(
 
     made: list[Device] = []
     monkeypatch.setitem(sys.modules, "evdev", SimpleNamespace(InputDevice=Device))
-    monkeypatch.setattr("hw.finger.touch_screen.fcntl.ioctl", lambda *_: unplugged("ioctl"))
+    monkeypatch.setattr("fcntl.ioctl", lambda *_: unplugged("ioctl"))
     with pytest.raises(BadReply if fails_at == "no touch screen" else DeviceDisconnected, match="/dev/input/event0"):
         EvdevTouchScreen("/dev/input/event0", CALIBRATION).open()
     assert [device.closed for device in made] == [True]
@@ -421,7 +421,7 @@ def test_an_opened_screen_tells_counts_and_the_range_of_its_axes(
             os.close(screen.descriptor)
 
     monkeypatch.setitem(sys.modules, "evdev", SimpleNamespace(InputDevice=Device))
-    monkeypatch.setattr("hw.finger.touch_screen.fcntl.ioctl", lambda *_: 0)
+    monkeypatch.setattr("fcntl.ioctl", lambda *_: 0)
     reports = open_touch_reports("/dev/input/event0")
     assert reports.span_raw == (4000, 3000)
     assert reports.read() == (-math.inf, 0, 0, False)
