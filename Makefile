@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo demo-diagnosis test soak mutate lint bench bench-live validate blind docs clean
+.PHONY: demo demo-diagnosis demo-live test soak mutate lint bench bench-live validate blind docs clean
 
 .venv/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -20,6 +20,10 @@ demo: .venv/.runtime
 
 demo-diagnosis: .venv/.runtime
 	$(BIN)/python examples/demo_diagnosis.py --out out/demo-diagnosis
+
+# In real time, on a machine that has nothing else to do; with a picture of the page where there is a Chromium.
+demo-live: .venv/.test
+	$(BIN)/python examples/demo_live.py --out out/demo-live
 
 lint: .venv/.test
 	$(BIN)/ruff check .

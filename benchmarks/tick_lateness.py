@@ -144,8 +144,8 @@ def _us(lateness_s: np.ndarray) -> str:
 def _set_to_output(daemon: Daemon, token: str, record: Path) -> Iterator[Claim]:
     """From the call to the first tick that renders the new target, and to the change at the simulated electrode."""
     decided, acted = _times_to_output(daemon, token, record)
-    latency_s = daemon.settings.config.simulation.amplitude_latency_s
-    interval_s = daemon.settings.config.output.setpoint_interval_s
+    latency_s = daemon.basis.settings.config.simulation.amplitude_latency_s
+    interval_s = daemon.basis.settings.config.output.setpoint_interval_s
     yield _claim("set to changed output, in shared memory", decided, WANTED_S)
     yield _claim(
         f"set to changed electrode, over SCPI every {1e3 * interval_s:.0f} ms to a generator that takes "
@@ -156,7 +156,7 @@ def _set_to_output(daemon: Daemon, token: str, record: Path) -> Iterator[Claim]:
 def _times_to_output(daemon: Daemon, token: str, record: Path) -> tuple[list[float], list[float]]:
     """From each call to the tick that decides by it, and to the electrode that changes, s."""
     decided, acted = [], []
-    latency_s = daemon.settings.config.simulation.amplitude_latency_s
+    latency_s = daemon.basis.settings.config.simulation.amplitude_latency_s
     cof = 0.60
     for i in range(ROUNDS):
         while not daemon.shared.output.read().output_on:
@@ -187,7 +187,7 @@ def _set_to_envelope() -> Claim:
             lease = daemon.arm(60.0)
             daemon.set_target(lease.token, 0.65)
             _, acted = _times_to_output(daemon, lease.token, record)
-            lead_s = daemon.settings.latency_budget_s["envelope"]
+            lead_s = daemon.basis.settings.latency_budget_s["envelope"]
             daemon.off()
     return _claim(
         f"set to changed electrode, by an analog envelope written {1e3 * lead_s:.0f} ms ahead", acted, WANTED_S

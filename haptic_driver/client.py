@@ -28,7 +28,16 @@ from urllib.parse import urlencode
 from pydantic import BaseModel, ValidationError
 
 from haptic_driver.daemon import verbs
-from haptic_driver.daemon.messages import LEASE_HEADER, ErrorReport, Lease, Marked, RefusedError, StateFrame, Status
+from haptic_driver.daemon.messages import (
+    LEASE_HEADER,
+    ErrorReport,
+    Lease,
+    Marked,
+    RefusedError,
+    StateFrame,
+    Status,
+    Why,
+)
 from haptic_driver.daemon.place import default_socket
 from haptic_driver.daemon.verbs import Answer, Asked, Verb
 from haptic_driver.errors import BadInputError, HapticError
@@ -118,6 +127,10 @@ class HapticClient:
         """Render by another model, by its name or the path of its file; while the daemon is idle."""
         return self._ask(verbs.USE_MODEL, name=_named_from_anywhere(model))
 
+    def adapt(self, on: bool) -> Status:
+        """Mend the finger's model while it renders, or go back to the model as it was."""
+        return self._ask(verbs.ADAPT, on=on)
+
     def record(self, path: Path | None) -> Status:
         """Record into a file, or stop with None."""
         return self._ask(verbs.RECORD, path=str(path.absolute()) if path is not None else None)
@@ -125,6 +138,14 @@ class HapticClient:
     def mark(self, label: str, data: Mapping[str, object] | None = None) -> Marked:
         """Write a marker, with anything that JSON can say, among the events and into the recording."""
         return self._ask(verbs.MARK, label=label, data=dict(data or {}))
+
+    def ask_why(self, minutes: float = 1440.0) -> Why:
+        """Begin to diagnose what was rendered in the last minutes; `why` says what came out."""
+        return self._ask(verbs.ASK_WHY, minutes=minutes)
+
+    def why(self) -> Why:
+        """What the last such diagnosis says, or that it runs."""
+        return self._ask(verbs.WHY)
 
     def status(self) -> Status:
         """The present state."""

@@ -39,6 +39,7 @@ ASKS_DAEMON = (
     "off",
     "disarm",
     "use",
+    "adapt",
     "reset",
     "status",
     "watch",

@@ -12,21 +12,23 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from rich.text import Text
 from typer import Argument, Option
 
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, named, report, signals_to, stdout
+from haptic_driver.daemon.agreement import UNITS
 from haptic_driver.daemon.place import default_socket
 from haptic_driver.daemon.private_file import write_private
 from haptic_driver.errors import BadInputError, HapticError
 
 if TYPE_CHECKING:
     from haptic_driver.client import HapticClient, Session
-    from haptic_driver.daemon.messages import Lease, Status
+    from haptic_driver.daemon.messages import AgreementCell, Lease, Status
 
+SIGNS = ((0.05, "▲", "▼"), (0.02, "+", "-"), (0.0, "·", "·"))  # of friction: from so much off on
 POLL_S = 0.1
 ALREADY = "armed already"
 Nearest = Annotated[bool, Option("--nearest", help="Render the nearest that is reachable, however far off it is.")]
@@ -132,6 +134,18 @@ def use(
     ask(socket, as_json, lambda client: client.use_model(model))
 
 
+def adapt(
+    mode: Annotated[Literal["on", "off"], Argument(help="on: mend from now on. off: go back to the model as it was.")],
+    socket: SocketOption = None,
+    as_json: Json = False,
+) -> None:
+    """Mend the finger's model while it renders, by what is felt, as its skin dries or moistens; or go back.
+
+    Example: `haptic adapt on`
+    """
+    ask(socket, as_json, lambda client: client.adapt(mode == "on"))
+
+
 def reset(socket: SocketOption = None, as_json: Json = False) -> None:
     """Acknowledge a fault or trip whose cause is gone.
 
@@ -159,6 +173,10 @@ def show_status(status: Status) -> None:
     stdout.print(f"  {status.ticks} ticks, {missed}; flags: {', '.join(status.flags) or 'none'}")
     if status.timing.last_cause is not None:
         stdout.print(f"  {number(status.timing.in_time, '.0%')} of the last ticks in time; {status.timing.last_cause}")
+    for line in agreement_lines(status):
+        stdout.print(Text(f"  {line}"))
+    if status.adaptation is not None:
+        stdout.print(Text(f"  adapting: {status.adaptation}"))
     if status.lease_holder is not None:
         stdout.print(Text(f"  lease held by {status.lease_holder}"))
     if status.fault is not None:
@@ -167,6 +185,24 @@ def show_status(status: Status) -> None:
         stdout.print(f"  recording into {status.recording}")
     if status.recording_fault is not None:
         stdout.print(Text.assemble("  ", ("recording:", "bold red"), f" {status.recording_fault}"))
+
+
+def agreement_lines(status: Status) -> list[str]:
+    """A map of felt against expected friction, a line per condition and a sign per cell, and the last sentence."""
+    by_axis: dict[str, list[AgreementCell]] = {}
+    for cell in status.agreement:
+        by_axis.setdefault(cell.axis, []).append(cell)
+    lines = []
+    for axis, cells in by_axis.items():
+        unit = UNITS[axis]
+        name = axis.removesuffix(f"_{unit.lower().replace('/', '_')}").replace("_", " ")
+        signs = " ".join(_sign(cell.share) for cell in cells)
+        lines.append(f"agreement, {name}: {signs} ({cells[0].low:.3g} to {cells[-1].high:.3g} {unit})")
+    return lines + ([] if status.disagreement is None else [status.disagreement])
+
+
+def _sign(share: float) -> str:
+    return next((more if share > 0.0 else less) for least, more, less in SIGNS if abs(share) >= least)
 
 
 def number(value: float | None, form: str) -> str:

@@ -38,6 +38,8 @@ COMMANDS = {
     "off": "Output to zero at once; whoever armed stays armed. Fails when the output cannot be shown to be off.",
     "disarm": "Output to zero at once, and end the lease, whoever holds it.",
     "use": "Render by another model, such as one that `haptic calibrate` made for a finger; while the daemon is idle.",
+    "adapt": "Mend the finger's model while it renders, by what is felt, as its skin dries or moistens; or go back.",
+    "why": "Diagnose what was rendered so far, while rendering goes on: which effect is missing from the model.",
     "reset": "Acknowledge a fault or trip whose cause is gone.",
     "status": "Say what the daemon does; `output_on` is null where nobody knows.",
     "watch": "Show state, friction, voltage and flags until Ctrl-C; in a pipe or with --json, a JSON object per line.",
@@ -58,7 +60,16 @@ COMMANDS = {
     "doctor": "Check a rig without energising it: identity, settings, limits, monitors, calibration dates, scheduling.",
 }
 GROUPS = ("surface", "texture", "daemon", "experiment")
-CONTROL = ("arm", "set", "off", "disarm", "use", "reset", "status")  # in one module; each other one has its own
+CONTROL = (
+    "arm",
+    "set",
+    "off",
+    "disarm",
+    "use",
+    "adapt",
+    "reset",
+    "status",
+)  # in one module; each other one has its own
 
 # What the parser raises for a wrong command line, whether typer ships its parser or imports it.
 USAGE_ERROR: Any = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")

@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 from typer import Option
 
-from haptic_driver.cli.control import client_of, number
+from haptic_driver.cli.control import agreement_lines, client_of, number
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, stdout
 
@@ -85,6 +85,8 @@ def picture(history: Sequence[StateFrame]) -> Table:
     late = "-" if ticks.lateness_max_s is None else f"{1e6 * ticks.lateness_max_s:.0f} us"
     table.add_row("ticks", f"{status.ticks}, {status.overruns} overruns, latest {late} late")
     table.add_row("flags", ", ".join(status.flags) or "none")
+    for line in agreement_lines(status):
+        table.add_row("", line)
     return table
 
 

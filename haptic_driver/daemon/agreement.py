@@ -26,7 +26,7 @@ MOST_SIGMAS = 3.0  # a window that is farther off counts as so far: scatter is k
 QUIET_S = 300.0  # after an alarm nothing is told of the same cell
 FACTORS = {"frequency_hz": 10.0 ** (1.0 / 3.0), "normal_force_n": 2.0**0.5, "speed_m_s": 2.0}  # from edge to edge
 VOLTAGE_STEP_V = 25.0
-UNITS = {"frequency_hz": "Hz", "voltage_v": "V", "normal_force_n": "N", "speed_m_s": "m/s"}
+UNITS = {"frequency_hz": "Hz", "voltage_v": "V", "normal_force_n": "N", "speed_m_s": "m/s"}  # of the conditions
 
 
 class Window(NamedTuple):

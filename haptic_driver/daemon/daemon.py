@@ -17,9 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.config import config_names, texture_dirs
+from haptic_driver.daemon.basis import Basis
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.loader import Loader
-from haptic_driver.daemon.messages import SOMEBODY, DaemonState, Lease, Marked, RefusedError, Status, Tile, TileRequest
+from haptic_driver.daemon.messages import (
+    SOMEBODY,
+    DaemonState,
+    Lease,
+    Marked,
+    RefusedError,
+    Status,
+    Tile,
+    TileRequest,
+    Why,
+)
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.recordings import Recordings
 from haptic_driver.daemon.set_up import DaemonSettings
@@ -46,7 +57,6 @@ class Daemon:
     """What a client may ask of a rig, thread-safe; starts in `__enter__`, ends with the output off in `close`."""
 
     def __init__(self, settings: DaemonSettings, clock: Callable[[], float] = time.monotonic) -> None:
-        self.settings = settings
         identified = calibration_ids(settings.config)  # may fail, and holds nothing yet
         self._clock = clock
         self.shared = shared = SharedState()
@@ -54,9 +64,11 @@ class Daemon:
         self._orders = orders = Orders(settings, shared, events, clock)
         self._loader = Loader()
         self._painter = Loader("painter")  # begun when somebody looks
+        self.basis = basis = Basis(settings, shared, events, self._loader)
         self._targets = targets = Targets(shared, orders, events, clock, self._reachable, self._loader)
-        self._recordings = Recordings(shared, events, lambda: self.settings, identified)
+        self._recordings = Recordings(shared, events, lambda: basis.settings, identified)
         self.supervisor = Supervisor(settings, shared, orders, events, clock)
+        basis.among(orders, targets, self._recordings, self.supervisor)
         self._watched = Watched(
             shared, orders, targets, events, settings.render, lambda: advice(self.supervisor.real_time)
         )
@@ -72,6 +84,7 @@ class Daemon:
             self._loader.start()
             self.supervisor.start()
             self._start_threads()
+            self.basis.start()
             self.supervisor.await_all()
         except BaseException:
             self.close()
@@ -88,6 +101,7 @@ class Daemon:
         for thread in self._threads:
             thread.join()
         self.supervisor.end()
+        self.basis.close()
         self._loader.close()
         self._painter.close()
         output_on = self.supervisor.close()
@@ -108,7 +122,8 @@ class Daemon:
     @property
     def pids(self) -> dict[str, int]:
         """Process ids by name, for whoever supervises or tests."""
-        return self.supervisor.pids | self._recordings.pids | self._loader.pids | self._painter.pids
+        loaders = self._loader.pids | self._painter.pids
+        return self.supervisor.pids | self._recordings.pids | self.basis.pids | loaders
 
     def _start_threads(self) -> None:
         pump = self._orders.pump
@@ -135,7 +150,7 @@ class Daemon:
     def status(self) -> Status:
         """The present state."""
         output, now_s, recording = self.shared.output.read(), self._clock(), self._recordings.path
-        orders, targets, settings = self._orders, self._targets, self.settings
+        orders, targets, settings = self._orders, self._targets, self.basis.settings
         load_n, reachable_cof = targets.reach()
         with orders.lock:
             machine, rendering, output_on = orders.machine, orders.rendering, orders.pump.output_on
@@ -150,7 +165,7 @@ class Daemon:
                 reachable_cof=list(reachable_cof),
                 frequency_hz=output.frequency_hz if rendering and output_on else None,
                 voltage_v=0.0 if output_on is False else output.voltage_v if rendering else None,
-                current_rms_a=self._current_a(output, load_n) if rendering and output_on else None,
+                current_rms_a=_current_a(settings, output, load_n) if rendering and output_on else None,
                 output_on=output_on,
                 ticks=output.tick,
                 overruns=output.overruns,
@@ -164,6 +179,9 @@ class Daemon:
                 real_time=self.supervisor.real_time,
                 latency_budget_s=settings.latency_budget_s,
                 surface_hash=settings.surface.content_hash,
+                agreement=self.basis.observer.cells,
+                disagreement=self.basis.observer.said,
+                adaptation=self.basis.observer.adaptation,
                 recording=str(recording) if recording is not None else None,
                 recording_fault=self._recordings.fault,
             )
@@ -171,7 +189,7 @@ class Daemon:
     def arm(self, lease_s: float, holder: str = SOMEBODY) -> Lease:
         """Idle -> armed."""
         with self._orders.lock:
-            self.supervisor.refuse_unless_ready(self.settings, self._orders.machine.state)
+            self.supervisor.refuse_unless_ready(self.basis.settings, self._orders.machine.state)
             lease = self._orders.arm(lease_s, holder)
             self._targets.forget()
             self.event_log.tell("state", f"armed by {holder}, lease {lease_s:g} s")
@@ -222,23 +240,17 @@ class Daemon:
 
     def use_model(self, name: str) -> Status:
         """Solve its surface and let render begin anew with it."""
-        with self._recordings.lock, self._targets.choosing:
-            with self._orders.lock:
-                state = self._orders.machine.state
-                if state is not DaemonState.IDLE:
-                    raise RefusedError("not_idle", f"the daemon is {state}", "disarm, or reset, first")
-                if self._recordings.path is not None:
-                    raise RefusedError("recording", "a run keeps its surface", "stop the recording first")
-                self.supervisor.claim_render()
-            try:
-                settings = self.settings.with_model(name, self._loader.model(name))
-            except BaseException:
-                self.supervisor.release_render()
-                raise
-            self.settings = settings
-            self.supervisor.render_anew(settings)
-        self.event_log.tell("model", name, surface_hash=settings.surface.content_hash)
+        self.basis.use(name)
         return self.status()
+
+    def adapt(self, on: bool) -> Status:
+        """Mend the model while rendering, or go back to it as it was."""
+        self.basis.observer.adapt(on)
+        return self.status()
+
+    def ask_why(self, minutes: float) -> Why:
+        """Begin to diagnose what was rendered in the last minutes."""
+        return self.basis.why(minutes)
 
     def record(self, path: str | None) -> Status:
         """Start or stop a recording."""
@@ -272,7 +284,7 @@ class Daemon:
 
     def surface_map(self) -> dict[str, Any]:
         """Friction over frequency and voltage at the usual load."""
-        return drawings.surface_map(self.settings.surface, self.settings.config.operating_limits())
+        return drawings.surface_map(self.basis.settings.surface, self.basis.settings.config.operating_limits())
 
     def texture_map(self) -> dict[str, Any]:
         """Friction asked for on the screen."""
@@ -285,14 +297,15 @@ class Daemon:
     # --- inside ------------------------------------------------------------------------------------------------
 
     def _reachable(self, normal_force_n: float) -> tuple[float, float]:
-        return self.settings.render.tick.controller.reachable(normal_force_n)
-
-    def _current_a(self, output: Output, normal_force_n: float) -> float:
-        controller = self.settings.render.tick.controller
-        return controller.current_a(output.frequency_hz, output.voltage_v, normal_force_n)
+        return self.basis.settings.render.tick.controller.reachable(normal_force_n)
 
 
 def _measured_cof(samples: NDArray[np.void]) -> float | None:
     """Mean over samples; None without sliding contact."""
     sliding = samples["measured_cof"][np.isfinite(samples["measured_cof"])]
     return float(sliding.mean()) if sliding.size else None
+
+
+def _current_a(settings: DaemonSettings, output: Output, normal_force_n: float) -> float:
+    controller = settings.render.tick.controller
+    return controller.current_a(output.frequency_hz, output.voltage_v, normal_force_n)

@@ -6,7 +6,7 @@ Without numpy, which `haptic status` does not wait for.
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, FiniteFloat, JsonValue, RootModel
 
@@ -54,6 +54,16 @@ class Timing(Checked):
     last_cause: str | None
 
 
+class AgreementCell(Checked):
+    """Felt friction over expected friction in one range of one condition: `share` off, and its weight, 1 / variance."""
+
+    axis: str
+    low: float
+    high: float
+    share: float
+    weight: float
+
+
 class Status(Checked):
     """`haptic status`; `output_on` is None where nobody knows.
 
@@ -87,6 +97,9 @@ class Status(Checked):
     real_time: bool
     latency_budget_s: dict[str, float]
     surface_hash: str
+    agreement: list[AgreementCell] = Field(default=[])  # since arming, with what the surface expects of the finger
+    disagreement: str | None = None  # the last sentence about it
+    adaptation: str | None = None  # what came of mending the model last; null while nothing is mended
     recording: str | None  # the file; None also while a recording waits for space
     recording_fault: str | None  # why a part of the present recording is missing
 
@@ -122,6 +135,12 @@ class ModelChoice(Request):
     """`haptic use MODEL`."""
 
     name: Annotated[str, Field(min_length=1, max_length=1000)]
+
+
+class Adapt(Request):
+    """`haptic adapt on|off`."""
+
+    on: bool
 
 
 class ArmRequest(Request):
@@ -198,6 +217,36 @@ class ModelNames(Checked):
     """What `GET /models` answers."""
 
     models: list[str]
+
+
+class WhyRequest(Request):
+    """`haptic why`: by what was rendered in the last `minutes`, as far as it is kept."""
+
+    minutes: Annotated[FiniteFloat, Field(gt=0.0, le=1440.0)] = 1440.0
+
+
+class Why(Checked):
+    """What a diagnosis of what was rendered says, in words and as `haptic diagnose` does.
+
+    `suspects`: the most probable. `more`: what `haptic investigate` could add. `model` and `report` are files
+    on the daemon's machine, until the next diagnosis or its end.
+    """
+
+    state: Literal["not_asked", "running", "done", "failed"]
+    said: str
+    rows: int = 0
+    verdict: str | None = None
+    effects: list[str] = Field(default=[])
+    suspects: dict[str, float] = Field(default={})
+    more: list[str] = Field(default=[])
+    model: str | None = None
+    report: str | None = None
+
+
+class WhyPage(Checked):
+    """The whole report with its pictures, HTML that loads nothing."""
+
+    html: str
 
 
 class Events(Checked):

@@ -69,6 +69,11 @@ class Orders:
             self._order_now(target)
             self.pump.open(self.order.number)
 
+    def use_surface(self, number: int) -> None:
+        """Render goes by the surface of that number from its next tick on."""
+        with self.lock:
+            self._order_now(surface=number)
+
     def withdraw(self, move: Callable[[], object]) -> None:
         """Off now; then the state says so, and a command that was on its way meanwhile is undone."""
         self.pump.off()
@@ -120,12 +125,13 @@ class Orders:
         """What render flags, unless it has not heard of the present arming yet."""
         return Flag(output.flags) if output.order >= self._armed_at else Flag(0)
 
-    def _order_now(self, target: int | None = None) -> None:
+    def _order_now(self, target: int | None = None, surface: int | None = None) -> None:
         """Tell render what holds now; a new number when it is something else than before."""
         order = self.order._replace(
             arming=self.machine.arming,
             rendering=self.rendering,
             target=self.order.target if target is None else target,
+            surface=self.order.surface if surface is None else surface,
         )
         if order != self.order:
             order = order._replace(number=order.number + 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from haptic_driver.daemon.observation import ObserverSettings
 from haptic_driver.daemon.render_process import Nothing, RenderSettings
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
@@ -24,7 +25,8 @@ class DaemonSettings:
     """A rig, a surface to drive it by, and how to render.
 
     `rig` and `model` are the names that were given. `allow_no_rt`: real hardware without real-time scheduling.
-    `amplifier_record`: a file in which simulated instruments write down what was at the electrode.
+    `amplifier_record`: a file in which simulated instruments write down what was at the electrode; `finger`: the
+    simulated one's function, as module:function.
     """
 
     rig: str
@@ -34,11 +36,22 @@ class DaemonSettings:
     render: RenderSettings
     allow_no_rt: bool = False
     amplifier_record: Path | None = None
+    finger: str | None = None
 
     def with_model(self, model: str, description: ModelDescription) -> DaemonSettings:
         """The same with another model's surface, which is solved. Raises BadInputError."""
         surface = build_surface(description, self.config.operating_limits())
-        return replace(self, model=model, surface=surface, render=render_settings(self.config, surface))
+        return replace(self.with_surface(surface, self.render.surface), model=model)
+
+    def with_surface(self, surface: SurfaceFile, number: int) -> DaemonSettings:
+        """The same with another surface, which has that number among orders."""
+        render = replace(render_settings(self.config, surface), surface=number)
+        return replace(self, surface=surface, render=render)
+
+    @property
+    def observed(self) -> ObserverSettings:
+        """What the observer is told."""
+        return ObserverSettings(self.model, self.surface, self.config.operating_limits(), self.latency_budget_s)
 
     @property
     def latency_budget_s(self) -> dict[str, float]:

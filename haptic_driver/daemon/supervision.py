@@ -53,7 +53,7 @@ class Supervisor:
         self.instruments: Instruments | None = None
         self.endpoints: dict[str, str] = {}  # of simulated instruments
         self.real_time = False
-        self._settings = settings
+        self.settings = settings  # of what is started next
         self._shared = shared
         self._orders = orders
         self._events = events
@@ -129,7 +129,7 @@ class Supervisor:
 
     def render_anew(self, settings: DaemonSettings) -> None:
         """Start render again, with other settings; what fails there is tried again, as after its death, and raised."""
-        self._settings = settings
+        self.settings = settings
         self._children.pop(RENDER).kill()  # not one of those any more whose end is a fault
         try:
             self._start_render()
@@ -157,7 +157,7 @@ class Supervisor:
     def _start_render(self) -> None:
         child = Child(
             RENDER, "haptic_driver.daemon.render_process", [self._shared.descriptor, os.getpid()],
-            given=pickle.dumps(self._settings.render), descriptors=[self._shared.descriptor],
+            given=pickle.dumps(self.settings.render), descriptors=[self._shared.descriptor],
         )  # fmt: skip
         self._children[RENDER] = child
         granted = child.ready(START_TIMEOUT_S)
@@ -167,15 +167,16 @@ class Supervisor:
 
     def _begin_instruments(self) -> None:
         """Begin to start simulated instruments; real ones are there already."""
-        settings = self._settings
+        settings = self.settings
         if settings.config.simulated:
             record = [] if settings.amplifier_record is None else ["--record", settings.amplifier_record]
+            finger = [] if settings.finger is None else ["--finger", settings.finger]
             self._children[INSTRUMENTS] = Child(
-                INSTRUMENTS, "haptic_driver.simulation.process", [settings.rig, settings.model, *record]
+                INSTRUMENTS, "haptic_driver.simulation.process", [settings.rig, settings.model, *record, *finger]
             )
 
     def _connect_instruments(self) -> None:
-        config = self._settings.config
+        config = self.settings.config
         if config.simulated:
             self.endpoints = self._children[INSTRUMENTS].ready(START_TIMEOUT_S)["endpoints"]
             self.instruments = connect_simulated(config, self.endpoints, self._orders.rig_says)

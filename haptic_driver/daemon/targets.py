@@ -86,18 +86,18 @@ class Targets:
             with self._orders.lock:
                 self._orders.machine.renew(token, self._clock())  # whoever asks is alive
                 number = self._orders.order.target
-            self._await_taken(number)
+            self.await_taken(lambda output: output.target == number)
             self._shared.targets.write(number + 1, target)
             with self._orders.lock:
                 self._orders.render(token, number + 1)
                 self.target, self.name = target, name
 
-    def _await_taken(self, number: int) -> None:
-        """Until render uses the target before, since the next one takes the place of the one before that."""
+    def await_taken(self, is_taken: Callable[[Output], bool]) -> None:
+        """Until render uses what it was given before, since the next takes the place of the one before that."""
         until_s = self._clock() + TAKE_OVER_S
-        while self._shared.output.read().target != number:
+        while not is_taken(self._shared.output.read()):
             if self._clock() > until_s:
-                raise RefusedError("render_stalls", "render does not take up targets", "look at the status")
+                raise RefusedError("render_stalls", "render does not take up what it is given", "look at the status")
             time.sleep(PUMP_PERIOD_S)
 
 

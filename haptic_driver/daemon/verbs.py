@@ -87,6 +87,10 @@ USE_MODEL = Verb(
     "use_model", "POST", "/model", messages.ModelChoice, Status, lambda daemon, asked, _: daemon.use_model(asked.name),
     "Render by another model, such as one of the finger that is there now; while idle. Takes about a second.",
 )  # fmt: skip
+ADAPT = Verb(
+    "adapt", "POST", "/adapt", messages.Adapt, Status, lambda daemon, asked, _: daemon.adapt(asked.on),
+    "Mend the finger's model while it renders, by what is felt; or go back to the model as it was.",
+)  # fmt: skip
 RECORD = Verb(
     "record", "POST", "/record", messages.RecordingRequest, Status, lambda daemon, asked, _: daemon.record(asked.path),
     "Record into a file on the daemon's machine, or stop with null.",
@@ -95,6 +99,19 @@ MARK = Verb(
     "mark", "POST", "/mark", messages.Mark, messages.Marked,
     lambda daemon, asked, _: daemon.mark(asked.label, asked.data),
     "Write a marker among the events, and so into the recording; from anyone.",
+)  # fmt: skip
+ASK_WHY = Verb(
+    "ask_why", "POST", "/why", messages.WhyRequest, messages.Why,
+    lambda daemon, asked, _: daemon.ask_why(asked.minutes),
+    "Begin to diagnose what was rendered so far: where friction and model disagree, and which effect is missing.",
+)  # fmt: skip
+WHY = Verb(
+    "why", "GET", "/why", Empty, messages.Why, lambda daemon, *_: daemon.basis.inquiry.answer,
+    "What the last such diagnosis says.",
+)  # fmt: skip
+WHY_PAGE = Verb(
+    "why_page", "GET", "/why/page", Empty, messages.WhyPage,
+    lambda daemon, *_: messages.WhyPage(html=daemon.basis.inquiry.page()), "Its report with pictures.",
 )  # fmt: skip
 STATUS = Verb("status", "GET", "/status", Empty, Status, lambda daemon, *_: daemon.status(), "The present state.")
 TEXTURES = Verb(
@@ -131,5 +148,18 @@ MODELS = Verb(
     "Names that `/model` knows.",
 )  # fmt: skip
 
-COMMANDS: tuple[Verb[Any, Any], ...] = (ARM, RENEW, SET, PLAY, OFF, DISARM, RESET, USE_MODEL, RECORD, MARK)
-VIEWS: tuple[Verb[Any, Any], ...] = (STATUS, TEXTURES, EVENTS, SAMPLES, SURFACE, TEXTURE, TILE, MODELS)
+COMMANDS: tuple[Verb[Any, Any], ...] = (
+    ARM,
+    RENEW,
+    SET,
+    PLAY,
+    OFF,
+    DISARM,
+    RESET,
+    USE_MODEL,
+    ADAPT,
+    ASK_WHY,
+    RECORD,
+    MARK,
+)
+VIEWS: tuple[Verb[Any, Any], ...] = (STATUS, TEXTURES, EVENTS, SAMPLES, SURFACE, TEXTURE, TILE, MODELS, WHY, WHY_PAGE)

@@ -268,6 +268,7 @@ class RigConfig(Section):
     finger: FingerConfig = FingerConfig()
     controller: ControllerConfig = ControllerConfig()
     simulation: SimulationConfig = SimulationConfig()
+    adapt: bool = False  # mend the finger's model while rendering, from the daemon's start on
 
     @model_validator(mode="after")
     def _consistent(self) -> RigConfig:

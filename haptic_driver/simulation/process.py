@@ -1,11 +1,11 @@
 """The simulated instruments of a rig in a process of their own: real bytes on loopback, the model's physics behind.
 
-    python -m haptic_driver.simulation.process RIG MODEL [--record FILE]
+    python -m haptic_driver.simulation.process RIG MODEL [--record FILE] [--finger module:function]
 
 says its endpoints on standard output, as one JSON line, once it serves. It ends on SIGTERM, or a while after its
 standard input closes: instruments outlive a driver that dies, so that whoever else watches can switch them off.
-`--record` keeps what really was at the electrode: a line `time_s frequency_hz voltage_v` for every change, on
-CLOCK_MONOTONIC.
+`--finger` is a finger of your own, as `haptic measure` takes one. `--record` keeps what really was at the electrode: a
+line `time_s frequency_hz voltage_v` for every change, on CLOCK_MONOTONIC.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import Metronome
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.slide import Slide, synthetic_slide
-from haptic_driver.simulation.friction import surface_friction, with_hidden
+from haptic_driver.simulation.finger_function import load_finger
+from haptic_driver.simulation.friction import FrictionLaw, surface_friction, with_hidden
 from haptic_driver.simulation.instruments import SimulatedInstruments
 from haptic_driver.simulation.lines import PANEL, LinesServer
 from haptic_driver.surface.build import build_surface
@@ -34,7 +35,6 @@ from hw.analog.served_output import AnalogOutputServer
 from hw.finger.simulated_touch_screen import SimulatedTouchScreen
 from hw.serving.tcp import TcpServer
 from hw.transport.running import RunningTogether
-from model.description import ModelDescription
 from model.touch_model import TouchModel
 
 STEP_S = 0.001
@@ -50,13 +50,11 @@ class SlidingFinger(RunningTogether):
     """
 
     def __init__(
-        self, config: RigConfig, model: ModelDescription, slide: Slide | None = None, record: Path | None = None
+        self, config: RigConfig, friction: FrictionLaw, slide: Slide | None = None, record: Path | None = None
     ) -> None:
-        limits, hide = config.operating_limits(), config.simulation.hide
-        file = build_surface(with_hidden(TouchModel(model), hide).description, limits)
         recording = None if record is None else _Record(record)
         on_drive = recording.note if recording else lambda frequency_hz, voltage_v: None
-        self.instruments = SimulatedInstruments(config, surface_friction(file, limits), on_drive=on_drive)
+        self.instruments = SimulatedInstruments(config, friction, on_drive=on_drive)
         self._slide = slide or synthetic_slide()
         self._speed_m_s = self._slide.speed_m_s
         self._began_s = time.monotonic()
@@ -160,18 +158,30 @@ def main() -> None:
     parser.add_argument("rig")
     parser.add_argument("model")
     parser.add_argument("--record", type=Path)
+    parser.add_argument("--finger")
     given = parser.parse_args()
     config = load_rig(given.rig)
     ended = threading.Event()
     signal.signal(signal.SIGTERM, lambda number, frame: ended.set())
     signal.signal(signal.SIGINT, lambda number, frame: ended.set())
-    model = load_model(config.simulation.model or given.model)
-    with compilation_said("simulated instruments"), SlidingFinger(config, model, record=given.record) as served:
+    with compilation_said("simulated instruments"):
+        friction = _friction(config, given.model, given.finger)
+        friction(1e3, 50.0, 0.5, 0.02, 0.0)  # made ready before time passes
+    with SlidingFinger(config, friction, record=given.record) as served:
         print(json.dumps({"endpoints": served.endpoints}), flush=True)
         threading.Thread(target=_linger, args=(ended,), daemon=True).start()
         metronome = Metronome(STEP_S)
         while not ended.is_set():
             served.step((metronome.wait().missed + 1) * STEP_S)
+
+
+def _friction(config: RigConfig, model: str, finger: str | None) -> FrictionLaw:
+    """That of a function, or of the finger's model with what the rig hides."""
+    if finger is not None:
+        return load_finger(finger).friction
+    limits, description = config.operating_limits(), load_model(config.simulation.model or model)
+    file = build_surface(with_hidden(TouchModel(description), config.simulation.hide).description, limits)
+    return surface_friction(file, limits)
 
 
 def _linger(ended: threading.Event) -> None:

@@ -16,13 +16,13 @@ from pathlib import Path
 
 import pytest
 
-from haptic_driver.daemon.messages import DaemonState, RefusedError
+from haptic_driver.daemon.messages import AgreementCell, DaemonState, RefusedError
 from tests.waiting import HANG_S, until
 
 SCRIPT = Path(sys.executable).with_name("haptic")
 COMMANDS = [
     ["arm"], ["set", "0.6"], ["texture", "play", "linen"], ["off"], ["disarm"], ["status"], ["record", "run.h5"],
-    ["use", "reference"], ["reset"], ["watch"],
+    ["use", "reference"], ["adapt", "on"], ["why"], ["reset"], ["watch"],
 ]  # fmt: skip
 STATUS_KEYS = {
     "state", "simulated", "texture", "target_cof", "measured_cof", "frequency_hz", "voltage_v", "output_on", "ticks",
@@ -235,3 +235,35 @@ def test_a_lease_that_ran_out_is_a_failure_before_the_daemon_has_ramped_down(hap
     done = haptic("arm", "--for", "20", "--json")
     assert done.status == 1
     assert "the lease ran out before it was renewed" in done.err
+
+
+def test_agreement_is_a_line_per_condition_with_a_sign_per_cell(haptic, socket, control):
+    cells = [
+        ("frequency_hz", 100.0, 215.0, -0.06),
+        ("frequency_hz", 215.0, 464.0, 0.03),
+        ("speed_m_s", 0.03, 0.06, 0.01),
+    ]
+    control.agreement = [
+        AgreementCell(axis=axis, low=low, high=high, share=share, weight=1e4) for axis, low, high, share in cells
+    ]
+    control.disagreement = "6 % less friction than expected at 100..215 Hz, since 14:03"
+    said = haptic("status").out
+    assert "agreement, frequency: ▼ + (100 to 464 Hz)" in said
+    assert "agreement, speed: · (0.03 to 0.06 m/s)" in said
+    assert control.disagreement in said
+
+
+def test_adapting_is_switched_on_and_off(haptic, socket, control):
+    assert "adapting: nothing is mended yet" in haptic("adapt", "on").out
+    assert done_json(haptic("adapt", "off", "--json"))["adaptation"] is None
+    assert [call for call in control.calls if call[0] == "adapt"] == [("adapt", True), ("adapt", False)]
+    assert haptic("adapt", "perhaps").status == 2
+
+
+def test_why_says_what_is_missing_and_how_to_use_it(haptic, socket, control):
+    found = haptic("why", "--minutes", "5")
+    assert ("why", 5.0) in control.calls
+    assert "Skin hydration is missing from the model" in found.out
+    assert "haptic investigate could add what tells this from that" in found.out
+    assert "haptic use other" in found.out
+    assert done_json(haptic("why", "--json"))["effects"] == ["skin_hydration"]

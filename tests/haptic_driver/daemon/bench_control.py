@@ -9,10 +9,11 @@ import threading
 import time
 from base64 import b64encode
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import numpy as np
 
-from haptic_driver.daemon.messages import DaemonState, Marked, RefusedError, Status, Tile, Timing
+from haptic_driver.daemon.messages import DaemonState, Marked, RefusedError, Status, Tile, Timing, Why
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.state_machine import StateMachine
 from haptic_driver.daemon.web.server import serve
@@ -47,6 +48,11 @@ class BenchControl:
         self.model = "reference"
         self.shown_off = True  # whether switching off can be shown
         self.told = []
+        self.agreement, self.disagreement, self.adaptation = [], None, None
+        self.inquiry = SimpleNamespace(
+            answer=Why(state="not_asked", said="nobody has asked yet"), page=lambda: "<h1>Why</h1>"
+        )
+        self.basis = SimpleNamespace(inquiry=self.inquiry)
         self._lock = threading.RLock()
         self._tell("state", "idle")
 
@@ -88,6 +94,9 @@ class BenchControl:
                 real_time=False,
                 latency_budget_s={"total": 0.01},
                 surface_hash="0" * 8,
+                agreement=self.agreement,
+                disagreement=self.disagreement,
+                adaptation=self.adaptation,
                 recording=self.recording,
                 recording_fault=None,
                 timing=Timing(in_time=None, missed=0, lateness_edges_s=[], lateness_counts=[], last_cause=None),
@@ -165,6 +174,18 @@ class BenchControl:
                 raise BadInputError("unknown_model", f"there is no model {name!r}", "did you mean 'reference'?")
             self.model = name
         return self.status()
+
+    def adapt(self, on):
+        self._change("adapt", on)
+        self.adaptation = "nothing is mended yet" if on else None
+        return self.status()
+
+    def ask_why(self, minutes):
+        self._change("why", minutes)
+        said = "Skin hydration is missing from the model: probability 97 %."
+        found = {"verdict": "effect_found", "effects": ["skin_hydration"], "model": "other", "rows": 40}
+        self.inquiry.answer = Why(state="done", said=said, more=["tells this from that"], **found)
+        return self.inquiry.answer
 
     def record(self, path):
         self._change("record", path)

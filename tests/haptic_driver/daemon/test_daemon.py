@@ -84,7 +84,7 @@ def test_a_friction_far_out_of_reach_is_refused_with_the_range_and_nothing_comes
 ):
     """7 for 0.7, at one load: that of the simulated finger differs from moment to moment."""
     lease = daemon.arm(5.0)
-    low, high = reachable = daemon.settings.render.tick.controller.reachable(0.5)
+    low, high = reachable = daemon.basis.settings.render.tick.controller.reachable(0.5)
     monkeypatch.setattr(daemon._targets, "reach", lambda: (0.5, reachable))
     for cof in (7.0, 1.25 * high, 0.85 * low):
         with pytest.raises(BadInputError, match=r"far out of reach: 0\.\d+ to 1\.\d+ at 0\.\d+ N") as error:
@@ -290,7 +290,7 @@ def test_the_surface_can_be_drawn(daemon, surface_file):
     drawn = daemon.surface_map()
     cof = np.array(drawn["cof"], dtype=float)
     assert cof.shape == (len(drawn["frequency_hz"]), len(drawn["voltage_v"]))
-    limits = daemon.settings.config.operating_limits()
+    limits = daemon.basis.settings.config.operating_limits()
     assert limits.frequency_low_hz <= drawn["frequency_hz"][0] <= 1.1 * limits.frequency_low_hz
     assert max(drawn["limits_v"]["voltage"]) == limits.voltage_v
     assert drawn["voltage_v"][-1] <= 1.2 * limits.voltage_v

@@ -19,7 +19,7 @@ def test_the_electrode_follows_every_tick_and_not_only_every_set_point(daemon, h
     lease = daemon.arm(5.0)
     status = daemon.play(lease.token, "grating")
     assert status.state is DaemonState.RENDERING
-    interval_s = daemon.settings.config.output.setpoint_interval_s
+    interval_s = daemon.basis.settings.config.output.setpoint_interval_s
 
     def moves():
         """More different voltages in a quarter of a second than set points could make in all of it."""
@@ -27,7 +27,7 @@ def test_the_electrode_follows_every_tick_and_not_only_every_set_point(daemon, h
         return len(seen) > 0.25 / interval_s
 
     keep_rendering(daemon, lease.token, moves)
-    assert max(v for _, v in history()) <= daemon.settings.config.limits.voltage_v
+    assert max(v for _, v in history()) <= daemon.basis.settings.config.limits.voltage_v
     assert daemon.status().output_on is True
     off_s = time.monotonic()
     status = daemon.off()

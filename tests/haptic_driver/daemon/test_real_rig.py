@@ -121,14 +121,14 @@ def test_an_analog_output_in_the_file_is_opened_at_zero_and_makes_the_envelope(r
 def test_a_target_reaches_the_electrode_and_off_takes_it_away(daemon, served):
     status = daemon.status()
     assert (status.state, status.simulated, status.output_on) == (DaemonState.IDLE, False, False)
-    assert set(daemon.pids) == {"render", "watchdog", "loader"}
+    assert set(daemon.pids) == {"render", "watchdog", "loader", "observer"}
     lease = daemon.arm(5.0)
     daemon.set_target(lease.token, RESTING)
     keep_rendering(daemon, lease.token, lambda: served.amplifier.voltage_v > 20.0)
     assert served.interlock.closed
     status = daemon.status()
     assert (status.output_on, status.actuator) == (True, "setpoints over SCPI")
-    low_hz, high_hz = daemon.settings.config.limits.frequency_hz
+    low_hz, high_hz = daemon.basis.settings.config.limits.frequency_hz
     assert low_hz <= status.frequency_hz <= high_hz
     status = daemon.off()
     assert served.amplifier.voltage_v == 0.0
@@ -136,12 +136,12 @@ def test_a_target_reaches_the_electrode_and_off_takes_it_away(daemon, served):
 
 
 def test_what_nobody_vouches_for_is_listed_and_keeps_the_rig_from_being_armed(daemon, monkeypatch):
-    config = daemon.settings.config
+    config = daemon.basis.settings.config
     limits, amplifier = (
         section.model_copy(update={"measured_by": ""}) for section in (config.limits, config.amplifier)
     )
     unsigned = config.model_copy(update={"limits": limits, "amplifier": amplifier, "watchdog": None})
-    monkeypatch.setattr(daemon, "settings", replace(daemon.settings, config=unsigned))
+    monkeypatch.setattr(daemon.basis, "settings", replace(daemon.basis.settings, config=unsigned))
     refused = refusal(daemon.arm, 1.0)
     assert refused.code == "unverified"
     for name in ("limits.measured_by", "amplifier.measured_by", 'watchdog.generator (a resource, or "none")'):
@@ -151,7 +151,7 @@ def test_what_nobody_vouches_for_is_listed_and_keeps_the_rig_from_being_armed(da
 
 def test_without_real_time_scheduling_it_is_not_armed(daemon, monkeypatch):
     monkeypatch.setattr(daemon.supervisor, "real_time", False)
-    monkeypatch.setattr(daemon, "settings", replace(daemon.settings, allow_no_rt=False))
+    monkeypatch.setattr(daemon.basis, "settings", replace(daemon.basis.settings, allow_no_rt=False))
     assert refusal(daemon.arm, 1.0).code == "no_real_time"
     monkeypatch.setattr(daemon.supervisor, "real_time", True)
     assert daemon.arm(1.0).lease_s == 1.0

@@ -167,7 +167,9 @@ def test_a_new_arming_knows_nothing_of_the_finger_but_keeps_the_surface(bench, r
     assert bench.run(0.3)[-1].voltage_v == pytest.approx(with_it)
     bench.shared.surfaces.write(2, render_settings.tick.controller.settings)
     bench.command(surface=2, arming=3)
-    assert bench.run(0.3)[-1].voltage_v == pytest.approx(math.sqrt(1.4) * with_it, rel=0.02)
+    assert bench.run(0.3)[-1].voltage_v == pytest.approx(
+        math.sqrt(1.4) * with_it, rel=0.04
+    )  # goes a little faster than V^2
 
 
 def test_an_order_to_stop_acts_with_the_next_tick(bench):
@@ -393,7 +395,7 @@ def test_a_tick_that_fails_leaves_zero_and_a_fault_behind(envelope_settings, sha
         now_s = time.monotonic()
         was_on = was_on or shared.output.read().output_on
         shared.sensed.write(Sensed(now_s, 0.03, 0.03, True, now_s, 0.5, 0.3, False))
-        shared.order.write(Order(1, 1, True, math.inf, now_s, 2 if was_on else 1))
+        shared.order.write(Order(1, 1, True, math.inf, now_s, 2 if was_on else 1, 0))
         time.sleep(0.005)
     ended, output = child.ended, shared.output.read()
     child.stop()

@@ -1,5 +1,6 @@
 // The page: hears the daemon's state, and has everything shown that has changed.
 
+import { showAgreement } from "./agreement.js";
 import { Refusal, Stream, ask } from "./connection.js";
 import { Controls } from "./controls.js";
 import { Happened } from "./flags.js";
@@ -8,6 +9,7 @@ import { SCALE, levelOf, readTheme } from "./palette.js";
 import { Screen } from "./screen.js";
 import { Surface } from "./surface.js";
 import { drawTimePlot } from "./timeplot.js";
+import { Why } from "./why.js";
 
 const SPANS_S = [10, 60, 600];
 const SAMPLES_MS = 250; // between looks at the ticks themselves
@@ -29,6 +31,7 @@ const screen = new Screen($("texture-map"), $("finger"), { marks: $("marks"), he
 const surface = new Surface($("surface-map"), $("surface"), $("surface-said"));
 const controls = new Controls((name) => { page.selected = name; showTexture(); });
 const happened = new Happened();
+const why = new Why(controls);
 
 // --- what there is to show ----------------------------------------------------------------------------------------
 
@@ -214,6 +217,9 @@ function showFigures(status, newest) {
   say("recording", status.recording_fault ? `${status.recording ?? "waiting"}; a part is missing: ${status.recording_fault}` : (status.recording ?? "none"));
   say("surface_hash", `${status.model.split("/").at(-1)}, surface ${status.surface_hash.slice(0, 12)}`);
   happened.showFlags(status.flags);
+  showAgreement($("agreement"), status.agreement);
+  why.show(status);
+  say("disagreement", status.disagreement ?? (status.agreement.length ? "As the model expects." : "Not known yet: a minute of sliding tells."));
   showTicks(status);
 }
 

@@ -8,6 +8,7 @@ from datetime import datetime
 import pytest
 
 from haptic_driver.daemon import verbs
+from haptic_driver.daemon.messages import AgreementCell
 from haptic_driver.processes.samples import Flag
 from tests.haptic_driver.daemon.web.served_page import (
     BrowserError,
@@ -303,3 +304,23 @@ def test_the_other_pages_of_a_browser_cannot_use_the_api(browser, served):
     with pytest.raises(BrowserError, match="Failed to fetch"):
         page.evaluate(f"fetch('{origin}/off', {{method: 'POST', headers: {{Authorization: 'Bearer {served.token}'}}}})")
     context.close()
+
+
+def test_it_shows_agreement_mends_at_a_click_and_says_why(page, control):
+    text(page, "#disagreement", "Not known yet: a minute of sliding tells.")
+    cell = AgreementCell(axis="voltage_v", low=75.0, high=100.0, share=-0.08, weight=2e4)
+    control.agreement, control.disagreement = [cell], "8 % less friction than expected at 75..100 V, since 14:03"
+    text(page, "#disagreement", control.disagreement)
+    expect(page.locator("#agreement i")).to_have_attribute("title", "-8.0 % at 75 to 100 V")
+    page.click("#adapt")
+    text(page, "#adaptation", "nothing is mended yet")
+    page.click("#adapt")
+    expect(page.locator("#adaptation")).to_be_hidden()
+    page.click("#why")
+    expect(page.locator("#answer-said")).to_contain_text("Skin hydration is missing")
+    page.click("#answer-show")
+    expect(page.frame_locator("#report-page").locator("h1")).to_have_text("Why")
+    page.click("#report-close")
+    page.click("#answer-use")
+    until(lambda: ("use_model", "other") in control.calls)
+    assert page.complaints == []

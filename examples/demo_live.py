@@ -1,0 +1,190 @@
+"""Live: linen under a finger that becomes moist, on a daemon in real time; the model is mended while it renders.
+
+`python examples/demo_live.py --out DIR` draws friction before, meanwhile and after, and the page as a user sees it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_driver.config import texture_dirs
+from haptic_driver.daemon.daemon import Daemon
+from haptic_driver.daemon.messages import Why
+from haptic_driver.daemon.place import Place
+from haptic_driver.daemon.run import PAGE_FOLDER
+from haptic_driver.daemon.set_up import daemon_settings
+from haptic_driver.daemon.web.server import serve
+from haptic_driver.pictures.files import pyplot, saved
+from haptic_driver.processes.compilation import compilation_said
+from haptic_driver.processes.real_time import take_precedence
+from haptic_driver.rig.config import load_rig
+from haptic_driver.signals import SLIDING_M_S, WITHIN, Array
+from haptic_driver.simulation.friction import FrictionLaw, surface_friction, with_hidden
+from haptic_driver.surface.build import build_surface
+from haptic_driver.surface.models import load_model
+from haptic_driver.textures.library import load_texture
+from model.touch_model import TouchModel
+
+RIG, MODEL, TEXTURE = "simulated-envelope", "reference", "linen"
+DRY_S, MOISTENING_S, WETNESS = 26.0, 6.0, 1.5  # of the finger's life, and of the effect skin_hydration
+STEPS = 5  # of wetness, between which friction is taken as even
+LEASE_S = 20.0
+OFF_S, MENDED_S, MOST_S = 12.0, 14.0, 60.0  # of what is shown; and to wait for anything
+
+
+@cache
+def stages() -> list[FrictionLaw]:
+    """The finger from dry to moist."""
+    limits, model = load_rig(RIG).operating_limits(), TouchModel(load_model(MODEL))
+    wet = [with_hidden(model, {"skin_hydration": {"wetness": w}}) for w in np.linspace(0.0, WETNESS, STEPS)]
+    return [surface_friction(build_surface(each.description, limits), limits) for each in wet]
+
+
+def finger(frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: Array, time_s: Array) -> Array:
+    """Lateral force of the finger, N [n], as `haptic measure --finger` takes it too."""
+    laws = stages()
+    moist = np.clip((time_s - DRY_S) / MOISTENING_S, 0.0, 1.0) * (STEPS - 1)
+    forces = []
+    for at, share in zip(zip(frequency_hz, voltage_v, normal_force_n, speed_m_s, strict=True), moist, strict=True):
+        low = min(int(share), STEPS - 2)
+        before, after = (laws[k](*map(float, at), 0.0) for k in (low, low + 1))
+        forces.append(before + (share - low) * (after - before))
+    return np.array(forces)
+
+
+class Watching:
+    """The ticks of a daemon as they come, and the texture that they should have felt like."""
+
+    def __init__(self, daemon: Daemon, token: str) -> None:
+        self._daemon, self._token, self._position = daemon, token, daemon.shared.ring.position
+        self.samples: list[NDArray[np.void]] = []
+
+    def until(self, done: Callable[[], object], what: str) -> None:
+        """Keep the lease and watch until something is there. Raises TimeoutError."""
+        until_s = time.monotonic() + MOST_S
+        print(f"{what} ...", flush=True)
+        while not done():
+            if time.monotonic() > until_s:
+                raise TimeoutError(f"{what}: not within {MOST_S:g} s")
+            time.sleep(0.5)
+            self._daemon.renew(self._token)
+            taken = self._daemon.shared.ring.read(self._position)
+            self._position = taken.position
+            self.samples.append(taken.samples)
+
+    def for_s(self, seconds: float, what: str) -> tuple[float, float]:
+        """Watch for so long; from when to when that was."""
+        began_s = time.monotonic()
+        self.until(lambda: time.monotonic() >= began_s + seconds, what)
+        return began_s, time.monotonic()
+
+
+def errors(samples: NDArray[np.void]) -> tuple[Array, Array]:
+    """When the finger slid, and by how much felt friction, averaged over 10 ms, was off the texture's, relative."""
+    texture = load_texture(TEXTURE, texture_dirs())
+    wanted = np.asarray(texture.cof_at(samples["position_x_m"], samples["position_y_m"]))
+    even = np.ones(10) / 10.0
+    felt, asked = (np.convolve(values, even, "same") for values in (samples["measured_cof"], wanted))
+    known = np.isfinite(felt) & np.isfinite(asked) & (samples["speed_m_s"] > SLIDING_M_S)
+    return samples["time_s"][known], felt[known] / asked[known] - 1.0
+
+
+def demonstrate(out: Path) -> None:
+    """All of it; prints what it sees."""
+    out.mkdir(parents=True, exist_ok=True)
+    take_precedence()
+    with compilation_said("demo"):
+        settings = daemon_settings(RIG, MODEL)
+    settings = replace(settings, finger=f"{Path(__file__).resolve()}:finger")
+    with tempfile.TemporaryDirectory() as folder:
+        place = Place(Path(folder, "daemon.sock"))
+        try:
+            with Daemon(settings) as daemon, serve(daemon, place, 0, page=PAGE_FOLDER) as page:
+                _show(daemon, str(page), out)
+        finally:
+            place.close()
+
+
+def _show(daemon: Daemon, page: str, out: Path) -> None:
+    lease = daemon.arm(LEASE_S, "the demo")
+    daemon.play(lease.token, TEXTURE, nearest=True)
+    watching = Watching(daemon, lease.token)
+
+    def told(kind: str, beginning: str = "") -> bool:
+        return any(event.kind == kind and event.message.startswith(beginning) for event in daemon.events(0))
+
+    dry = watching.for_s(OFF_S, "a dry finger")
+    watching.until(lambda: told("agreement"), "it becomes moist")
+    print(f"  {daemon.status().disagreement}")
+    moist = watching.for_s(OFF_S, "as the model is")
+    daemon.ask_why(OFF_S / 60.0)
+    _page(page, out / "page-before.png")
+    daemon.adapt(True)
+    watching.until(lambda: told("adapt", "mended"), "mending")
+    print(f"  {next(event.message for event in daemon.events(0) if event.message.startswith('mended'))}")
+    mended = watching.for_s(MENDED_S, "as it is mended")
+    watching.until(lambda: daemon.basis.inquiry.answer.state != "running", "haptic why")
+    print(f"  {daemon.basis.inquiry.answer.said}")
+    _page(page, out / "page.png")
+    daemon.disarm()
+    time_s, off = errors(np.concatenate(watching.samples))
+    shares = {}
+    for name, (start_s, end_s) in {"dry": dry, "moist": moist, "moist, mended": mended}.items():
+        there = (time_s > start_s) & (time_s < end_s)
+        shares[name] = (start_s, end_s, float(np.mean(np.abs(off[there]) <= WITHIN)))
+        print(f"{name}: {shares[name][2]:.0%} of sliding within 5 % of {TEXTURE}")
+    _draw(time_s, off, shares, daemon.basis.inquiry.answer, out / "live.png")
+    print(f"picture: {out / 'live.png'}; page: {out / 'page.png'}")
+
+
+def _draw(time_s: Array, off: Array, shares: dict[str, tuple[float, float, float]], why: Why, path: Path) -> None:
+    figure, axes = pyplot().subplots(figsize=(9.0, 4.0), layout="constrained")
+    with saved(figure, path):
+        axes.axhspan(-5.0, 5.0, color="#dff1e4")
+        axes.plot(time_s - time_s[0], 100.0 * off, ".", markersize=0.6, color="#1b6ca8", rasterized=True)
+        for name, (start_s, end_s, share) in shares.items():
+            axes.axvspan(start_s - time_s[0], end_s - time_s[0], color="#8593a3", alpha=0.12)
+            axes.text(0.5 * (start_s + end_s) - time_s[0], 21.0, f"{name}: {share:.0%}", ha="center")
+        axes.set(xlabel="time, s", ylabel="friction off the texture, %", ylim=(-25.0, 25.0), title=why.said)
+
+
+def _page(url: str, path: Path) -> None:
+    """The page in a browser, where there is one."""
+    chromium = next(
+        (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
+    )
+    try:
+        from playwright.sync_api import sync_playwright  # noqa: PLC0415
+    except ImportError:
+        chromium = None
+    if chromium is None:
+        print("no browser: no picture of the page")
+        return
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        view = browser.new_page(viewport={"width": 1700, "height": 1150})
+        view.goto(url)
+        view.wait_for_timeout(3000)
+        view.screenshot(path=path)
+        browser.close()
+
+
+def main() -> None:
+    """Run."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("out/demo-live"))
+    demonstrate(parser.parse_args().out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""The observer: the process that holds what is felt against what is expected, and how control hears of it.
+
+    python -m haptic_driver.daemon.observer DESCRIPTOR LINK < settings
+
+takes pickled `ObserverSettings`, and every PERIOD_S says what came of the ring's new samples.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import socket
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from math import inf
+from multiprocessing.connection import Connection
+
+from haptic_driver.daemon.adaptation import Adaptation, Proposal
+from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.loader import NICENESS
+from haptic_driver.daemon.messages import AgreementCell
+from haptic_driver.daemon.observation import Observation, Observed, ObserverSettings
+from haptic_driver.experiments.recorded import Recorded
+from haptic_driver.processes.child import Child
+from haptic_driver.processes.compilation import compilation_said
+from haptic_driver.processes.shared_memory import SharedState
+from haptic_driver.recording.clock import clock_offsets
+from haptic_driver.surface.file import SurfaceFile
+from haptic_driver.surface.models import load_model
+
+NAME = "observer"
+PERIOD_S = 2.0  # a ring holds 16 s
+ROWS_KEPT = 1000  # for a diagnosis
+RETRY_S = 1.0
+TOLD_S = 60.0  # between events of what was not mended
+NOTHING_YET = "nothing is mended yet"
+
+Install = Callable[[SurfaceFile, Callable[[], bool]], bool]
+
+
+class Observer:
+    """The process as control hears it, in a thread; started again when it dies. Rows are the newest, oldest first.
+
+    `install` lets render go on with another surface, unless what it is told to ask says that it is too late.
+    """
+
+    def __init__(self, shared: SharedState, events: EventLog, install: Install) -> None:
+        self.cells: list[AgreementCell] = []
+        self.said: str | None = None
+        self.adaptation: str | None = None  # what came of mending last; None while nothing is mended
+        self.rows: deque[Recorded] = deque(maxlen=ROWS_KEPT)
+        self._shared, self._events, self._install = shared, events, install
+        self._link: Connection | None = None
+        self._base: SurfaceFile | None = None  # the model's own surface, while render goes by a mended one
+        self._child: Child | None = None
+        self._told_s = -inf
+        self._ending = threading.Event()
+        self._listening: threading.Thread | None = None
+
+    def start(self, settings: ObserverSettings) -> None:
+        """Begin, or begin anew with another model."""
+        self._end()
+        self.cells, self.said, self._base = [], None, None
+        self.rows.clear()
+        self._ending = threading.Event()
+        self._listening = threading.Thread(
+            target=self._listen, args=(settings, self._ending), name="observe", daemon=True
+        )
+        self._listening.start()
+
+    def adapt(self, on: bool) -> None:
+        """Mend the model from now on, or go back to it as it was. HapticError where render does not take that up."""
+        self.adaptation = NOTHING_YET if on else None
+        with suppress(OSError):
+            if self._link is not None:
+                self._link.send(on)
+        if not on:
+            self._go_back(self._ending)
+
+    def close(self) -> None:
+        """End it."""
+        self._end()
+        if self._listening is not None:
+            self._listening.join()
+
+    def _end(self) -> None:
+        self._ending.set()
+        if self._child is not None:
+            self._child.kill()
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Its process id, while there is one."""
+        child = self._child
+        return {NAME: child.pid} if child is not None else {}
+
+    def _listen(self, settings: ObserverSettings, ending: threading.Event) -> None:
+        given = pickle.dumps(settings)
+        while not ending.is_set():
+            with suppress(EOFError, OSError):  # it has died, or there was nothing to start it with
+                self._attend(given, settings.surface, ending)
+            if self._child is not None:
+                self._child.kill()
+            if not ending.is_set():
+                how = self._child.ended if self._child is not None else "the observer process was not started"
+                self._events.tell(NAME, f"{how}; it is started again, rendering goes on")
+                ending.wait(RETRY_S)
+                self._go_back(ending)  # what it had mended is gone with it
+
+    def _attend(self, given: bytes, base: SurfaceFile, ending: threading.Event) -> None:
+        """Start one and hear it until it ends."""
+        ours, theirs = socket.socketpair()
+        with Connection(ours.detach()) as link:
+            with theirs:
+                passed = [self._shared.descriptor, theirs.fileno()]
+                self._child = Child(NAME, __name__, passed, given=given, descriptors=passed)
+            self._link = link
+            link.send(self.adaptation is not None)
+            while not ending.is_set():
+                self.hear(link.recv(), base, ending)
+
+    def _go_back(self, ending: threading.Event) -> None:
+        base, self._base = self._base, None
+        if base is not None and self._install(base, ending.is_set):
+            self._events.tell("adapt", "back to the model as it was", surface_hash=base.content_hash)
+
+    def _propose(self, proposal: Proposal, base: SurfaceFile, ending: threading.Event) -> None:
+        if self.adaptation is None:  # switched off meanwhile
+            return
+        news, self.adaptation = proposal.said != self.adaptation, proposal.said
+        if proposal.surface is None:
+            if news and time.monotonic() - self._told_s > TOLD_S:
+                self._told_s = time.monotonic()
+                self._events.tell("adapt", f"not mended: {proposal.said}")
+        elif self._install(proposal.surface, ending.is_set):
+            self._base = base
+            self._events.tell(
+                "adapt", f"mended: {proposal.said}", surface_hash=proposal.surface.content_hash,
+                model=proposal.numbers, rows=proposal.rows,
+            )  # fmt: skip
+
+    def hear(self, observed: Observed, base: SurfaceFile, ending: threading.Event) -> None:
+        """Take in what the process says, unless it is to end; `base` is the surface of the model as it was."""
+        if observed.proposal is not None:
+            self._propose(observed.proposal, base, ending)
+        self.rows.extend(observed.rows)
+        self.cells = [AgreementCell.model_validate(cell) for cell in observed.cells]
+        for found in observed.found:
+            began = time.localtime(found.since_s + clock_offsets().wall_offset_s)
+            self.said = f"{found}, since {time.strftime('%H:%M', began)}"
+            self._events.tell("agreement", self.said, **found._asdict())
+
+
+def main() -> None:
+    """Observe until control hangs up."""
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
+    shared, settings = SharedState(int(sys.argv[1])), pickle.load(sys.stdin.buffer)
+    with compilation_said(NAME):
+        observation = Observation(settings)
+    adaptation = Adaptation(load_model(settings.model), settings.limits)
+    position, arming, adapts = shared.ring.position, shared.order.read().arming, False
+    with Connection(int(sys.argv[2])) as link, suppress(EOFError, OSError):
+        while True:
+            if link.poll(PERIOD_S):
+                adapts = link.recv()
+                adaptation.begin()
+                observation.expect(settings.surface)
+            if (now := shared.order.read().arming) != arming:
+                arming = now
+                observation.begin()
+            samples, _, position = shared.ring.read(position)
+            observed = observation.add(samples)
+            proposal = adaptation.add(observed.rows) if adapts else None
+            if proposal is not None and proposal.surface is not None:
+                observation.expect(proposal.surface)
+            link.send(observed._replace(proposal=proposal))
+
+
+if __name__ == "__main__":
+    main()
