@@ -10,6 +10,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.daemon import Daemon
-from haptic_driver.daemon.messages import Why
+from haptic_driver.daemon.messages import DaemonState, RefusedError, Why
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.run import PAGE_FOLDER
 from haptic_driver.daemon.set_up import daemon_settings
@@ -39,7 +40,7 @@ RIG, MODEL, TEXTURE = "simulated-envelope", "reference", "linen"
 DRY_S, MOISTENING_S, WETNESS = 26.0, 6.0, 1.5  # of the finger's life, and of the effect skin_hydration
 STEPS = 5  # of wetness, between which friction is taken as even
 LEASE_S = 20.0
-OFF_S, MENDED_S, MOST_S = 12.0, 14.0, 60.0  # of what is shown; and to wait for anything
+OFF_S, MENDED_S, MOST_S = 12.0, 14.0, 120.0  # of what is shown; and to wait for anything
 
 
 @cache
@@ -63,21 +64,32 @@ def finger(frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m
 
 
 class Watching:
-    """The ticks of a daemon as they come, and the texture that they should have felt like."""
+    """A daemon that renders the texture, and its ticks as they come; armed anew after a fault of a busy machine."""
 
-    def __init__(self, daemon: Daemon, token: str) -> None:
-        self._daemon, self._token, self._position = daemon, token, daemon.shared.ring.position
+    def __init__(self, daemon: Daemon) -> None:
+        self._daemon, self._token, self._position = daemon, "", daemon.shared.ring.position
         self.samples: list[NDArray[np.void]] = []
 
+    def hold(self) -> None:
+        """Keep the lease, or get one."""
+        try:
+            self._daemon.renew(self._token)
+        except RefusedError:
+            with suppress(RefusedError):  # until the next time
+                if self._daemon.status().state is DaemonState.FAULT:
+                    self._daemon.reset()
+                self._token = self._daemon.arm(LEASE_S, "the demo").token
+                self._daemon.play(self._token, TEXTURE, nearest=True)
+
     def until(self, done: Callable[[], object], what: str) -> None:
-        """Keep the lease and watch until something is there. Raises TimeoutError."""
+        """Watch until something is there. Raises TimeoutError."""
         until_s = time.monotonic() + MOST_S
         print(f"{what} ...", flush=True)
         while not done():
             if time.monotonic() > until_s:
                 raise TimeoutError(f"{what}: not within {MOST_S:g} s")
+            self.hold()
             time.sleep(0.5)
-            self._daemon.renew(self._token)
             taken = self._daemon.shared.ring.read(self._position)
             self._position = taken.position
             self.samples.append(taken.samples)
@@ -116,9 +128,7 @@ def demonstrate(out: Path) -> None:
 
 
 def _show(daemon: Daemon, page: str, out: Path) -> None:
-    lease = daemon.arm(LEASE_S, "the demo")
-    daemon.play(lease.token, TEXTURE, nearest=True)
-    watching = Watching(daemon, lease.token)
+    watching = Watching(daemon)
 
     def told(kind: str, beginning: str = "") -> bool:
         return any(event.kind == kind and event.message.startswith(beginning) for event in daemon.events(0))
