@@ -143,8 +143,6 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
     watching.until(lambda: told("adapt", "mended"), "mending")
     print(f"  {next(event.message for event in daemon.events(0) if event.message.startswith('mended'))}")
     mended = watching.for_s(MENDED_S, "as it is mended")
-    watching.until(lambda: daemon.basis.inquiry.answer.state != "running", "haptic why")
-    print(f"  {daemon.basis.inquiry.answer.said}")
     _page(page, out / "page.png")
     daemon.disarm()
     time_s, off = errors(np.concatenate(watching.samples))
@@ -153,7 +151,11 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
         there = (time_s > start_s) & (time_s < end_s)
         shares[name] = (start_s, end_s, float(np.mean(np.abs(off[there]) <= WITHIN)))
         print(f"{name}: {shares[name][2]:.0%} of sliding within 5 % of {TEXTURE}")
-    _draw(time_s, off, shares, daemon.basis.inquiry.answer, out / "live.png")
+    print("haptic why ...", flush=True)
+    while (why := daemon.basis.inquiry.answer).state == "running":
+        time.sleep(0.5)
+    print(f"  {why.said} {why.suspects}")
+    _draw(time_s, off, shares, why, out / "live.png")
     print(f"picture: {out / 'live.png'}; page: {out / 'page.png'}")
 
 
