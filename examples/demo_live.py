@@ -10,6 +10,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.daemon import Daemon
-from haptic_driver.daemon.messages import Why
+from haptic_driver.daemon.messages import DaemonState, RefusedError, Why
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.run import PAGE_FOLDER
 from haptic_driver.daemon.set_up import daemon_settings
@@ -39,7 +40,8 @@ RIG, MODEL, TEXTURE = "simulated-envelope", "reference", "linen"
 DRY_S, MOISTENING_S, WETNESS = 26.0, 6.0, 1.5  # of the finger's life, and of the effect skin_hydration
 STEPS = 5  # of wetness, between which friction is taken as even
 LEASE_S = 20.0
-OFF_S, MENDED_S, MOST_S = 12.0, 14.0, 60.0  # of what is shown; and to wait for anything
+PIECE = 100  # ticks, some threads long: a busy machine is late, and that is not what is shown here
+OFF_S, MENDED_S, MOST_S = 12.0, 14.0, 120.0  # of what is shown; and to wait for anything
 
 
 @cache
@@ -63,21 +65,32 @@ def finger(frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m
 
 
 class Watching:
-    """The ticks of a daemon as they come, and the texture that they should have felt like."""
+    """A daemon that renders the texture, and its ticks as they come; armed anew after a fault of a busy machine."""
 
-    def __init__(self, daemon: Daemon, token: str) -> None:
-        self._daemon, self._token, self._position = daemon, token, daemon.shared.ring.position
+    def __init__(self, daemon: Daemon) -> None:
+        self._daemon, self._token, self._position = daemon, "", daemon.shared.ring.position
         self.samples: list[NDArray[np.void]] = []
 
+    def hold(self) -> None:
+        """Keep the lease, or get one."""
+        try:
+            self._daemon.renew(self._token)
+        except RefusedError:
+            with suppress(RefusedError):  # until the next time
+                if self._daemon.status().state is DaemonState.FAULT:
+                    self._daemon.reset()
+                self._token = self._daemon.arm(LEASE_S, "the demo").token
+                self._daemon.play(self._token, TEXTURE, nearest=True)
+
     def until(self, done: Callable[[], object], what: str) -> None:
-        """Keep the lease and watch until something is there. Raises TimeoutError."""
+        """Watch until something is there. Raises TimeoutError."""
         until_s = time.monotonic() + MOST_S
         print(f"{what} ...", flush=True)
         while not done():
             if time.monotonic() > until_s:
                 raise TimeoutError(f"{what}: not within {MOST_S:g} s")
+            self.hold()
             time.sleep(0.5)
-            self._daemon.renew(self._token)
             taken = self._daemon.shared.ring.read(self._position)
             self._position = taken.position
             self.samples.append(taken.samples)
@@ -90,13 +103,13 @@ class Watching:
 
 
 def errors(samples: NDArray[np.void]) -> tuple[Array, Array]:
-    """When the finger slid, and by how much felt friction, averaged over 10 ms, was off the texture's, relative."""
+    """By how much friction was off the texture's, relative, over each PIECE of ticks on the way; and when."""
     texture = load_texture(TEXTURE, texture_dirs())
-    wanted = np.asarray(texture.cof_at(samples["position_x_m"], samples["position_y_m"]))
-    even = np.ones(10) / 10.0
-    felt, asked = (np.convolve(values, even, "same") for values in (samples["measured_cof"], wanted))
-    known = np.isfinite(felt) & np.isfinite(asked) & (samples["speed_m_s"] > SLIDING_M_S)
-    return samples["time_s"][known], felt[known] / asked[known] - 1.0
+    pieces = samples[: samples.size // PIECE * PIECE].reshape(-1, PIECE)
+    sliding = np.all(np.isfinite(pieces["measured_cof"]) & (pieces["speed_m_s"] > SLIDING_M_S), axis=1)
+    felt = pieces[sliding]
+    wanted = np.asarray(texture.cof_at(felt["position_x_m"].ravel(), felt["position_y_m"].ravel())).reshape(felt.shape)
+    return felt["time_s"].mean(axis=1), felt["measured_cof"].mean(axis=1) / wanted.mean(axis=1) - 1.0
 
 
 def demonstrate(out: Path) -> None:
@@ -116,9 +129,7 @@ def demonstrate(out: Path) -> None:
 
 
 def _show(daemon: Daemon, page: str, out: Path) -> None:
-    lease = daemon.arm(LEASE_S, "the demo")
-    daemon.play(lease.token, TEXTURE, nearest=True)
-    watching = Watching(daemon, lease.token)
+    watching = Watching(daemon)
 
     def told(kind: str, beginning: str = "") -> bool:
         return any(event.kind == kind and event.message.startswith(beginning) for event in daemon.events(0))
@@ -133,8 +144,6 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
     watching.until(lambda: told("adapt", "mended"), "mending")
     print(f"  {next(event.message for event in daemon.events(0) if event.message.startswith('mended'))}")
     mended = watching.for_s(MENDED_S, "as it is mended")
-    watching.until(lambda: daemon.basis.inquiry.answer.state != "running", "haptic why")
-    print(f"  {daemon.basis.inquiry.answer.said}")
     _page(page, out / "page.png")
     daemon.disarm()
     time_s, off = errors(np.concatenate(watching.samples))
@@ -142,8 +151,12 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
     for name, (start_s, end_s) in {"dry": dry, "moist": moist, "moist, mended": mended}.items():
         there = (time_s > start_s) & (time_s < end_s)
         shares[name] = (start_s, end_s, float(np.mean(np.abs(off[there]) <= WITHIN)))
-        print(f"{name}: {shares[name][2]:.0%} of sliding within 5 % of {TEXTURE}")
-    _draw(time_s, off, shares, daemon.basis.inquiry.answer, out / "live.png")
+        print(f"{name}: {shares[name][2]:.0%} of sliding, by tenths of a second, within 5 % of {TEXTURE}")
+    print("haptic why ...", flush=True)
+    while (why := daemon.basis.inquiry.answer).state == "running":
+        time.sleep(0.5)
+    print(f"  {why.said} {why.suspects}")
+    _draw(time_s, off, shares, why, out / "live.png")
     print(f"picture: {out / 'live.png'}; page: {out / 'page.png'}")
 
 
@@ -151,7 +164,7 @@ def _draw(time_s: Array, off: Array, shares: dict[str, tuple[float, float, float
     figure, axes = pyplot().subplots(figsize=(9.0, 4.0), layout="constrained")
     with saved(figure, path):
         axes.axhspan(-5.0, 5.0, color="#dff1e4")
-        axes.plot(time_s - time_s[0], 100.0 * off, ".", markersize=0.6, color="#1b6ca8", rasterized=True)
+        axes.plot(time_s - time_s[0], 100.0 * off, ".", markersize=3.0, color="#1b6ca8")
         for name, (start_s, end_s, share) in shares.items():
             axes.axvspan(start_s - time_s[0], end_s - time_s[0], color="#8593a3", alpha=0.12)
             axes.text(0.5 * (start_s + end_s) - time_s[0], 21.0, f"{name}: {share:.0%}", ha="center")
