@@ -109,10 +109,15 @@ class Served:
             return json.load(answer)
 
 
+# On a busy machine an answer may take longer than the 5 s that the page gives it.
+PATIENT = "{ const usual = AbortSignal.timeout.bind(AbortSignal); AbortSignal.timeout = (ms) => usual(6 * ms); }"
+
+
 def opened(browser, served, width=1280, height=800):
     """The page, connected; `page.complaints` is everything that it wrote to the console and every failure."""
     page = browser.new_context(viewport={"width": width, "height": height}).new_page()
     page.set_default_timeout(HANG_MS)
+    page.add_init_script(PATIENT)
     page.complaints, page.requested = [], []
     page.on("console", lambda message: page.complaints.append(message.text))
     page.on("pageerror", lambda error: page.complaints.append(str(error)))
