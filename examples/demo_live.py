@@ -137,6 +137,7 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
     dry = watching.for_s(OFF_S, "a dry finger")
     watching.until(lambda: told("agreement"), "it becomes moist")
     print(f"  {daemon.status().disagreement}")
+    watching.for_s(MOISTENING_S, "until it is moist")
     moist = watching.for_s(OFF_S, "as the model is")
     daemon.ask_why(OFF_S / 60.0)
     _page(page, out / "page-before.png")
