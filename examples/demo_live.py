@@ -137,6 +137,7 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
     dry = watching.for_s(OFF_S, "a dry finger")
     watching.until(lambda: told("agreement"), "it becomes moist")
     print(f"  {daemon.status().disagreement}")
+    watching.for_s(MOISTENING_S, "until it is moist")
     moist = watching.for_s(OFF_S, "as the model is")
     daemon.ask_why(OFF_S / 60.0)
     _page(page, out / "page-before.png")
@@ -155,20 +156,21 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
     print("haptic why ...", flush=True)
     while (why := daemon.basis.inquiry.answer).state == "running":
         time.sleep(0.5)
-    print(f"  {why.said} {why.suspects}")
+    print(f"  {why.said}")
     _draw(time_s, off, shares, why, out / "live.png")
     print(f"picture: {out / 'live.png'}; page: {out / 'page.png'}")
 
 
 def _draw(time_s: Array, off: Array, shares: dict[str, tuple[float, float, float]], why: Why, path: Path) -> None:
     figure, axes = pyplot().subplots(figsize=(9.0, 4.0), layout="constrained")
+    title = f"haptic why: {why.verdict}; most probable {', '.join(list(why.suspects)[:3])}"
     with saved(figure, path):
         axes.axhspan(-5.0, 5.0, color="#dff1e4")
         axes.plot(time_s - time_s[0], 100.0 * off, ".", markersize=3.0, color="#1b6ca8")
         for name, (start_s, end_s, share) in shares.items():
             axes.axvspan(start_s - time_s[0], end_s - time_s[0], color="#8593a3", alpha=0.12)
             axes.text(0.5 * (start_s + end_s) - time_s[0], 21.0, f"{name}: {share:.0%}", ha="center")
-        axes.set(xlabel="time, s", ylabel="friction off the texture, %", ylim=(-25.0, 25.0), title=why.said)
+        axes.set(xlabel="time, s", ylabel="friction off the texture, %", ylim=(-25.0, 25.0), title=title)
 
 
 def _page(url: str, path: Path) -> None:

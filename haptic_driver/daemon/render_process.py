@@ -258,7 +258,7 @@ def _carried(controller: Controller, before: Controller, state: TickState) -> Ti
     """The state of the same finger on another controller's surface."""
     finger = state.finger
     speed_m_s = math.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
-    return state._replace(controller=controller.carried(before, state.controller, speed_m_s, state.command.voltage_v))
+    return state._replace(controller=controller.carried(before, state.controller, speed_m_s, state.drive.voltage_v))
 
 
 def _noted(done: Tick, state: TickState) -> int:
