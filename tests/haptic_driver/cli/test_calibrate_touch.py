@@ -76,7 +76,7 @@ def follow(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., User]]:
                 closed.append(user)
 
         monkeypatch.setitem(sys.modules, "evdev", SimpleNamespace(InputDevice=Device))
-        monkeypatch.setattr("hw.finger.touch_screen.fcntl.ioctl", lambda *_: 0)
+        monkeypatch.setattr("fcntl.ioctl", lambda *_: 0)
         passing = SimpleNamespace(monotonic=user.clock, sleep=user.sleep)
         monkeypatch.setattr("haptic_driver.cli.calibrate_touch.time", passing)
         return user
