@@ -164,7 +164,7 @@ class ModelChoice(Request):
 
 
 class Adapt(Request):
-    """`haptic adapt on|off`."""
+    """`haptic adapt on` and `haptic adapt off`."""
 
     on: bool
 

@@ -67,8 +67,10 @@ class Observer:
         self.cells, self.said, self._base = [], None, None
         self.rows.clear()
         self._ending = threading.Event()
+        # in this thread: what others look up on a surface meanwhile is kept in it
+        given = pickle.dumps(settings)
         self._listening = threading.Thread(
-            target=self._listen, args=(settings, self._ending), name="observe", daemon=True
+            target=self._listen, args=(given, settings.surface, self._ending), name="observe", daemon=True
         )
         self._listening.start()
 
@@ -98,30 +100,32 @@ class Observer:
         child = self._child
         return {NAME: child.pid} if child is not None else {}
 
-    def _listen(self, settings: ObserverSettings, ending: threading.Event) -> None:
-        given = pickle.dumps(settings)
+    def _listen(self, given: bytes, base: SurfaceFile, ending: threading.Event) -> None:
         while not ending.is_set():
-            with suppress(EOFError, OSError):  # it has died, or there was nothing to start it with
-                self._attend(given, settings.surface, ending)
-            if self._child is not None:
-                self._child.kill()
+            how = self._attend(given, base, ending)
             if not ending.is_set():
-                how = self._child.ended if self._child is not None else "the observer process was not started"
                 self._events.tell(NAME, f"{how}; it is started again, rendering goes on")
                 ending.wait(RETRY_S)
                 self._go_back(ending)  # what it had mended is gone with it
 
-    def _attend(self, given: bytes, base: SurfaceFile, ending: threading.Event) -> None:
-        """Start one and hear it until it ends."""
-        ours, theirs = socket.socketpair()
-        with Connection(ours.detach()) as link:
-            with theirs:
-                passed = [self._shared.descriptor, theirs.fileno()]
-                self._child = Child(NAME, __name__, passed, given=given, descriptors=passed)
-            self._link = link
-            link.send(self.adaptation is not None)
-            while not ending.is_set():
-                self.hear(link.recv(), base, ending)
+    def _attend(self, given: bytes, base: SurfaceFile, ending: threading.Event) -> str:
+        """Start one and hear it until it ends, or is to; how that was."""
+        child = None
+        with suppress(EOFError, OSError):  # it has died, or there was nothing to start it with
+            ours, theirs = socket.socketpair()
+            with Connection(ours.detach()) as link:
+                with theirs:
+                    passed = [self._shared.descriptor, theirs.fileno()]
+                    child = Child(NAME, __name__, passed, given=given, descriptors=passed)
+                if not ending.is_set():  # else there may be another already
+                    self._child, self._link = child, link
+                link.send(self.adaptation is not None)
+                while not ending.is_set():
+                    self.hear(link.recv(), base, ending)
+        if child is None:
+            return "the observer process was not started"
+        child.kill()
+        return child.ended or "the observer process does not end"
 
     def _go_back(self, ending: threading.Event) -> None:
         base, self._base = self._base, None
