@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import pickle
 import resource
 import signal
@@ -18,7 +17,6 @@ import socket
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -27,6 +25,7 @@ from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.child import Child
+from haptic_driver.processes.real_time import give_way
 from haptic_driver.processes.shared_memory import TARGET_BYTES
 from haptic_driver.render.texture import Target
 from haptic_driver.surface.models import load_model
@@ -40,7 +39,6 @@ MEMORY_BYTES = 256 << 20
 TIME_S = 5.0
 START_TIMEOUT_S = 60.0  # of the process, on a busy machine
 PATIENCE_S = 0.2  # for another request to end: who waits holds a thread of the API
-NICENESS = 19  # the most, whatever control has
 
 
 class Loader:
@@ -173,8 +171,7 @@ def _refusal(error: HapticError) -> bytes:
 
 def _bounded() -> None:
     """From here on."""
-    with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
+    give_way()
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
     most_bytes = pages * resource.getpagesize() + MEMORY_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (most_bytes, most_bytes))

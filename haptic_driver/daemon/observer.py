@@ -7,7 +7,6 @@ takes pickled `ObserverSettings`, and every PERIOD_S says what came of the ring'
 
 from __future__ import annotations
 
-import os
 import pickle
 import socket
 import sys
@@ -21,12 +20,12 @@ from multiprocessing.connection import Connection
 
 from haptic_driver.daemon.adaptation import Adaptation, Proposal
 from haptic_driver.daemon.event_log import EventLog
-from haptic_driver.daemon.loader import NICENESS
 from haptic_driver.daemon.messages import AgreementCell
 from haptic_driver.daemon.observation import Observation, Observed, ObserverSettings
 from haptic_driver.experiments.recorded import Recorded
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.compilation import compilation_said
+from haptic_driver.processes.real_time import give_way
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.recording.clock import clock_offsets
 from haptic_driver.surface.file import SurfaceFile
@@ -161,8 +160,7 @@ class Observer:
 
 def main() -> None:
     """Observe until control hangs up."""
-    with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
+    give_way()
     shared, settings = SharedState(int(sys.argv[1])), pickle.load(sys.stdin.buffer)
     with compilation_said(NAME):
         observation = Observation(settings)

@@ -8,23 +8,21 @@ diagnoses `rows.csv` of the folder, leaves its report there and says on standard
 from __future__ import annotations
 
 import json
-import os
 import sys
 import threading
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from haptic_driver.daemon.event_log import EventLog
-from haptic_driver.daemon.loader import NICENESS
 from haptic_driver.daemon.messages import RefusedError, Why
 from haptic_driver.errors import HapticError
 from haptic_driver.experiments.data_file import row_texts
 from haptic_driver.experiments.recorded import Recorded
 from haptic_driver.files import write_rows
 from haptic_driver.processes.child import Child
+from haptic_driver.processes.real_time import give_way
 from haptic_driver.surface.models import load_model
 from model.diagnosis.data import read_measurements
 from model.diagnosis.page import sentence
@@ -106,8 +104,7 @@ class Inquiry:
 
 def main() -> None:
     """Diagnose."""
-    with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
+    give_way()
     model, folder = sys.argv[1], Path(sys.argv[2])
     print(json.dumps(answer(model, folder)), flush=True)
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 NICENESS = -10  # of control: weighs ten times an ordinary process
+LEAST = 19  # niceness of who works when nobody else does
 SWITCH_INTERVAL_S = 5e-4  # of the interpreter's threads; 5 ms where nobody asks
 PRIORITY = 80  # of SCHED_FIFO, above threaded interrupt handlers (50)
 SPIN_S = 260e-6  # longer than most wake-ups and a rehearsal take; it costs 26 % of a core
@@ -67,6 +68,12 @@ def take_precedence() -> bool:
         with suppress(OSError):
             Path("/proc/self/autogroup").write_text(str(NICENESS))
     return True
+
+
+def give_way() -> None:
+    """Let everybody else go first, from here on."""
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, LEAST)
 
 
 def _stay_awake() -> None:

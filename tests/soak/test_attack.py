@@ -68,7 +68,7 @@ def served(tmp_path: Path) -> Iterator[Served]:
 @contextmanager
 def meanwhile(*attacks: Callable[[Event], None]) -> Iterator[None]:
     """All of these over and over, in a process of their own, until the block ends."""
-    forking = get_context("fork")  # what attacks is made of closures
+    forking = get_context("fork")  # attacks are closures, which a new interpreter could not be given
     over = forking.Event()
     attacker = forking.Process(target=_together, args=(attacks, over), daemon=True)
     attacker.start()
