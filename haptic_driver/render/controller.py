@@ -210,9 +210,15 @@ def carried(held: Held, before: Held, state: ControllerState, speed_m_s: float, 
     peak_v = voltage_v if voltage_v >= WORTH_COMPARING_V else USUAL_SHARE * new.surface.voltage_v[-1]
     drive = InForce(CARRIER_BAND_HZ if np.isnan(frequency_hz) else frequency_hz, peak_v, peak_v, peak_v, True)
     finger = FingerState(
-        0.0 if np.isnan(time_s) else time_s, 0.0, 0.0, speed_m_s, 0.0,
-        np.exp(nodes[nodes.size // 2]) if np.isnan(load_n) else load_n, True, np.nan,
-    )  # fmt: skip
+        0.0 if np.isnan(time_s) else time_s,
+        0.0,
+        0.0,
+        speed_m_s,
+        0.0,
+        np.exp(nodes[nodes.size // 2]) if np.isnan(load_n) else load_n,
+        True,
+        np.nan,
+    )
     (off_n, rise_n), _ = feedback.by_surface(new.surface, new.correction, drive, finger)
     (old_off_n, old_rise_n), _ = feedback.by_surface(old.surface, old.correction, drive, finger)
     level = (known.gains.off * old_off_n + known.gains.rise * old_rise_n) / (off_n + rise_n)

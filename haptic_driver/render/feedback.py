@@ -267,9 +267,20 @@ def rescaled(known: Estimate, off: float, rise: float, level: float) -> Estimate
     gains = Gains(level, level, g.off_variance * off * off, g.covariance * off * rise, g.rise_variance * rise * rise)
     off_n, rise_n = known.expected_off_n / off, known.expected_rise_n / rise
     return Estimate(
-        gains, known.gain, known.gain_rate_per_s, known.learning, known.at_limit, known.cautious, off_n, rise_n,
-        known.time_s, known.reading_time_s, known.normal_force_n, known.lateral_force_n, known.slid_m,
-    )  # fmt: skip
+        gains,
+        known.gain,
+        known.gain_rate_per_s,
+        known.learning,
+        known.at_limit,
+        known.cautious,
+        off_n,
+        rise_n,
+        known.time_s,
+        known.reading_time_s,
+        known.normal_force_n,
+        known.lateral_force_n,
+        known.slid_m,
+    )
 
 
 @kernel

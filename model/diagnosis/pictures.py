@@ -181,9 +181,14 @@ def _outline(ax: Axes, region: Region, data: Measurements, columns: Array, rows:
     (left, right), (low_row, high_row) = span["frequency_hz"], span["voltage_v"]
     bottom = -1.25 if quiet and region.axes == ("voltage_v",) and region.low[0] == 0.0 else low_row
     frame = Rectangle(
-        (left + 0.04, bottom + 0.04), right - left - 0.08, high_row - bottom - 0.08,
-        fill=False, ec="black", lw=2.2, zorder=5,
-    )  # fmt: skip
+        (left + 0.04, bottom + 0.04),
+        right - left - 0.08,
+        high_row - bottom - 0.08,
+        fill=False,
+        ec="black",
+        lw=2.2,
+        zorder=5,
+    )
     ax.add_patch(frame)
 
 
