@@ -4,26 +4,16 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
+from haptic_driver.daemon.observation import Proposal
 from haptic_driver.experiments.mending import LEAST_HELD_OUT, MOST_ROWS, Dropped, Mended, mend
 from haptic_driver.experiments.recorded import Recorded
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.file import SurfaceFile
 from model.description import ModelDescription
 
 PERIOD_S = 5.0  # between attempts, of the rows' time
 DIGITS = 5  # of a row's numbers, as they are told
-
-
-class Proposal(NamedTuple):
-    """What came of an attempt, in words; with a better model its surface, its numbers and the rows it came from."""
-
-    said: str
-    surface: SurfaceFile | None = None
-    numbers: dict[str, float] | None = None
-    rows: Sequence[Sequence[float]] = ()
 
 
 class Adaptation:

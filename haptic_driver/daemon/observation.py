@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.daemon.adaptation import Proposal
 from haptic_driver.daemon.agreement import UNITS, Agreement, Disagreement, Window
 from haptic_driver.experiments.recorded import PAUSE_S, SETTLING_S, Recorded, cut
 from haptic_driver.limits import OperatingLimits
@@ -31,6 +30,17 @@ class ObserverSettings:
     surface: SurfaceFile
     limits: OperatingLimits
     latency_budget_s: dict[str, float]
+
+
+class Proposal(NamedTuple):
+    """What came of an attempt to mend the model, in words; with a better one its surface, its numbers and the rows it
+    came from.
+    """
+
+    said: str
+    surface: SurfaceFile | None = None
+    numbers: dict[str, float] | None = None
+    rows: Sequence[Sequence[float]] = ()
 
 
 class Observed(NamedTuple):

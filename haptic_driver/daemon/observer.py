@@ -18,10 +18,9 @@ from contextlib import suppress
 from math import inf
 from multiprocessing.connection import Connection
 
-from haptic_driver.daemon.adaptation import Adaptation, Proposal
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.messages import AgreementCell
-from haptic_driver.daemon.observation import Observation, Observed, ObserverSettings
+from haptic_driver.daemon.observation import Observation, Observed, ObserverSettings, Proposal
 from haptic_driver.experiments.recorded import Recorded
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.compilation import compilation_said
@@ -160,6 +159,8 @@ class Observer:
 
 def main() -> None:
     """Observe until control hangs up."""
+    from haptic_driver.daemon.adaptation import Adaptation  # noqa: PLC0415 - slow to import, and control does without
+
     give_way()
     shared, settings = SharedState(int(sys.argv[1])), pickle.load(sys.stdin.buffer)
     with compilation_said(NAME):

@@ -116,6 +116,7 @@ class Renderer:
         self._surface = settings.surface
         self._nothing = replace(settings.tick, texture=Nothing())
         self._kept = Kept(overruns=shared.output.read().overruns)
+        self.rendering = False  # at the last tick
         self._practice = practice_slot()
         self._forget(NO_ORDER)
 
@@ -139,6 +140,7 @@ class Renderer:
     def step(self, due: Due) -> Output:
         """One tick: read, decide, write."""
         order, sensed, driven = self._read()
+        self.rendering = order.rendering
         self._kept, done, output = self._decide(due, order, sensed, driven)
         self._shared.output.write(output)
         if self._settings.envelope:
@@ -295,7 +297,7 @@ def main() -> None:
     metronome = granted.metronome(settings.period_s, shared.output.read().tick)
     try:
         while os.getppid() == parent:
-            renderer.step(metronome.wait(renderer.rehearse))
+            renderer.step(metronome.wait(renderer.rehearse if renderer.rendering else None))
     finally:
         renderer.stop()
 

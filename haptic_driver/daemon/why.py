@@ -24,10 +24,6 @@ from haptic_driver.files import write_rows
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.real_time import give_way
 from haptic_driver.surface.models import load_model
-from model.diagnosis.data import read_measurements
-from model.diagnosis.page import sentence
-from model.diagnosis.report import write_report
-from model.diagnosis.workflow import diagnose
 from model.support.errors import ModelError
 
 NAME, ROWS, PAGE = "why", "rows.csv", "report.html"
@@ -111,6 +107,12 @@ def main() -> None:
 
 def answer(model: str, folder: Path) -> dict[str, Any]:
     """The fields of `Why` that come of it."""
+    # slow to import, and control does without
+    from model.diagnosis.data import read_measurements  # noqa: PLC0415
+    from model.diagnosis.page import sentence  # noqa: PLC0415
+    from model.diagnosis.report import write_report  # noqa: PLC0415
+    from model.diagnosis.workflow import diagnose  # noqa: PLC0415
+
     try:
         description = load_model(model)
         diagnosis = diagnose(description, read_measurements(folder / ROWS), 0, lambda step: None)

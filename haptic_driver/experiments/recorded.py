@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.average import Measured, average, standard_error
@@ -161,6 +160,8 @@ class _Drive(NamedTuple):
 
 def _drive(run: Run) -> _Drive:
     """The commands as many seconds ago as they take to be felt; at 0 V the carrier is the last or the first one."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d  # noqa: PLC0415 - slow to import
+
     latency, samples = run.attributes["latency_budget_s"], run.samples
     time_s, step_s = samples["time_s"], float(np.median(np.diff(samples["time_s"])))
     felt_s = latency["total"] - latency["sensor"] - latency["tick"]  # as the daemon's own feedback has it

@@ -137,7 +137,8 @@ class Metronome:
     def wait(self, rehearse: Callable[[Due], object] | None = None) -> Due:
         """Return at the next instant, or at once when it is there already and the one after it is not.
 
-        `rehearse` is called while awake before an instant, as often as there is time for it.
+        `rehearse` is called while awake before an instant, as often as there is time for it; without it nobody is
+        awake before.
         """
         number = self._number + 1
         due_s = self._began_s + (number - self._first) * self.period_s
@@ -146,7 +147,7 @@ class Metronome:
         if missed:
             number, due_s = number + missed, due_s + missed * self.period_s
         if now_s < due_s:
-            self._sleep_until(due_s - self._spin_s)
+            self._sleep_until(due_s - self._spin_s if rehearse is not None else due_s)
             needed_s = FIRST_REHEARSAL_S
             while rehearse is not None and due_s - self._clock() > needed_s:
                 rehearse(Due(number, due_s, 0.0, 0))

@@ -78,10 +78,9 @@ class Problem:
 
     def linearise(self, kinds: Sequence[type[Effect]], vector: Array) -> tuple[Array, Array]:
         """Residual [n] and Jacobian of the prediction [n, k], both whitened, in one call of the model."""
-        k = vector.size
-        vectors = np.vstack([vector, vector + STEP * np.eye(k)])
-        all_residuals = self.whitened(kinds, vectors)
-        return all_residuals[0], -(all_residuals[1:] - all_residuals[0]).T / STEP
+        steps = np.where(vector > 0.0, -STEP, STEP)  # inwards: what lies beyond the farthest is flat
+        all_residuals = self.whitened(kinds, np.vstack([vector, vector + np.diag(steps)]))
+        return all_residuals[0], -(all_residuals[1:] - all_residuals[0]).T / steps
 
     def fit(self, kinds: Sequence[type[Effect]], start: Array, iterations: int = ITERATIONS) -> Fit:
         """Damped Gauss-Newton from one start."""
@@ -93,13 +92,16 @@ class Problem:
         damping = 1e-3
         for _ in range(iterations):
             weight = (n + nu) / (nu + chi2)
-            normal = weight * jacobian.T @ jacobian + np.eye(vector.size)
             gradient = weight * jacobian.T @ residual - vector
+            free = ~((np.abs(vector) >= FARTHEST) & (gradient * vector > 0.0))  # what is at its end stays there
+            normal = weight * jacobian[:, free].T @ jacobian[:, free] + np.eye(int(free.sum()))
             dampings = damping * np.array([0.1, 1.0, 10.0, 100.0])
-            steps = [np.linalg.solve(normal + d * np.diag(np.diag(normal)), gradient) for d in dampings]
+            steps = np.zeros((dampings.size, vector.size))
+            damped = normal + dampings[:, None, None] * np.diag(np.diag(normal))
+            steps[:, free] = np.linalg.solve(damped, gradient[free, None])[..., 0]
             if 0.5 * float(gradient @ steps[0]) < TOLERANCE:  # nothing more is to be expected
                 break
-            trials = np.clip(vector + np.array(steps), -FARTHEST, FARTHEST)
+            trials = np.clip(vector + steps, -FARTHEST, FARTHEST)
             residuals = self.whitened(kinds, trials)
             costs = self.cost(np.sum(residuals**2, axis=1), trials)
             best = int(np.argmin(costs))

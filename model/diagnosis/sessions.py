@@ -6,8 +6,7 @@ Sessions are compared by one witness, friction where there is any: those that on
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import logsumexp
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc, logsumexp
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit
@@ -36,7 +35,7 @@ def unlike_sessions(data: Measurements, left: Array) -> dict[int, float]:
     square = {s: float(np.mean(left[compared & (data.session == s)] ** 2)) for s in numbers}
     usual = float(np.median(list(square.values())))
     largest = sorted(numbers, key=lambda s: -square[s])[: (len(numbers) - 1) // 2]
-    p = {s: f_distribution.sf(square[s] / usual, rows[s], int(compared.sum()) - rows[s]) for s in largest}
+    p = {s: float(fdtrc(rows[s], int(compared.sum()) - rows[s], square[s] / usual)) for s in largest}
     return {s: float(np.sqrt(square[s] / usual)) for s in largest if p[s] < UNLIKE_P / len(numbers)}
 
 

@@ -7,8 +7,7 @@ from itertools import combinations
 
 import numpy as np
 from scipy.linalg import qr
-from scipy.stats import chi2 as chi2_distribution
-from scipy.stats import norm
+from scipy.special import chdtrc, ndtr
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit
@@ -189,7 +188,7 @@ def _lack_of_fit(data: Measurements, noise: Noise, residual: Array, tangent: Arr
     left = left[:, singular > 1e-6 * singular[0]]
     along, off = left.T @ residual, left.T @ bent
     square = along @ np.linalg.solve(np.eye(len(along)) + off @ off.T, along)
-    return float(chi2_distribution.sf(square, len(along)))
+    return float(chdtrc(len(along), square))
 
 
 def neighbour_correlation(data: Measurements, residual: Array) -> tuple[float, float]:
@@ -201,4 +200,4 @@ def neighbour_correlation(data: Measurements, residual: Array) -> tuple[float, f
     if pairs < FEWEST or squares == 0.0:
         return 0.0, 1.0
     correlation = products / squares
-    return correlation, float(2.0 * norm.sf(abs(correlation) * np.sqrt(pairs)))
+    return correlation, float(2.0 * ndtr(-abs(correlation) * np.sqrt(pairs)))

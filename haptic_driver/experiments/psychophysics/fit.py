@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq, minimize
-from scipy.special import xlog1py, xlogy
-from scipy.stats import chi2
+from scipy.special import chdtri, xlog1py, xlogy
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.psychophysics.description import HIGHEST_LAPSE
@@ -116,7 +115,7 @@ def fit(level: Sequence[float], positive: Sequence[bool], form: Form, guess: flo
 
 def _interval(likelihood: _Likelihood, least: float, best: Array) -> tuple[float, float]:
     """Where the profile rises by the 95 % point of chi-square with one degree of freedom, on either side."""
-    rise = float(chi2.ppf(0.95, 1))
+    rise = float(chdtri(1, 0.05))
 
     def beyond(place: float) -> float:
         return likelihood.least([best], place)[0] - least - rise

@@ -6,9 +6,9 @@ import threading
 
 import pytest
 
-from haptic_driver.daemon.adaptation import PERIOD_S, Adaptation, Proposal, split
+from haptic_driver.daemon.adaptation import PERIOD_S, Adaptation, split
 from haptic_driver.daemon.event_log import EventLog
-from haptic_driver.daemon.observation import Observed
+from haptic_driver.daemon.observation import Observed, Proposal
 from haptic_driver.daemon.observer import NOTHING_YET, Observer
 from haptic_driver.experiments.average import Measured
 from haptic_driver.experiments.mending import LEAST_HELD_OUT, Dropped, Mended

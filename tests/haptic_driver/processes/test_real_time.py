@@ -96,6 +96,16 @@ def test_an_instant_is_rehearsed_while_awake_before_it_and_never_late():
     assert len(rehearsed) == 4, "too late for one that has everything to fetch"
 
 
+def test_who_has_nothing_to_rehearse_sleeps_until_the_instant():
+    clock = ManualClock(100.0)
+    slept = []
+    beat = Metronome(
+        1e-3, spin_s=real_time.SPIN_S, clock=clock, sleep_until=lambda s: (slept.append(s), clock.sleep_until(s))
+    )
+    assert beat.wait().due_s == slept[-1]
+    assert beat.wait(lambda due: None if clock.now_s > due.due_s else clock.sleep_until(due.due_s)).due_s > slept[-1]
+
+
 def test_sleep_until_never_returns_early():
     for pause_s in (0.003, 0.0, -1.0):
         until_s = time.monotonic() + pause_s
