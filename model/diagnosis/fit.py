@@ -95,7 +95,7 @@ class Problem:
             gradient = weight * jacobian.T @ residual - vector
             free = ~((np.abs(vector) >= FARTHEST) & (gradient * vector > 0.0))  # what is at its end stays there
             normal = weight * jacobian[:, free].T @ jacobian[:, free] + np.eye(int(free.sum()))
-            dampings = damping * np.array([0.1, 1.0, 10.0, 100.0])
+            dampings = damping * np.array([0.1, 1.0, 20.0])
             steps = np.zeros((dampings.size, vector.size))
             damped = normal + dampings[:, None, None] * np.diag(np.diag(normal))
             steps[:, free] = np.linalg.solve(damped, gradient[free, None])[..., 0]
@@ -103,12 +103,17 @@ class Problem:
                 break
             trials = np.clip(vector + steps, -FARTHEST, FARTHEST)
             residuals = self.whitened(kinds, trials)
+            # Valleys bend: what a step found beside what is linear in it says where along the valley it should end.
+            bent = residual - (trials - vector) @ jacobian.T - residuals
+            steps[:, free] = np.linalg.solve(damped, -weight * (bent @ jacobian[:, free])[..., None])[..., 0]
+            trials = np.vstack([trials, np.clip(trials + steps, -FARTHEST, FARTHEST)])
+            residuals = np.vstack([residuals, self.whitened(kinds, trials[dampings.size :])])
             costs = self.cost(np.sum(residuals**2, axis=1), trials)
             best = int(np.argmin(costs))
             gain = cost - float(costs[best])
             if gain > 0.0:
                 vector, cost = trials[best], float(costs[best])
-                damping = float(np.clip(dampings[best], 1e-9, 1e6))
+                damping = float(np.clip(dampings[best % dampings.size], 1e-9, 1e6))
                 residual, jacobian = self.linearise(kinds, vector)
                 chi2 = float(residual @ residual)
             else:

@@ -40,6 +40,7 @@ FORM_ERROR = 0.02
 PREFERRED = "friction"  # of those: what reads friction has the most ways to be wrong
 OF_THE_SMOOTH = 0.9  # share of what the smooth term closes that a short formula must close
 FORMULA_STARTS = (0.0, -1.0, 1.0)
+ENOUGH_ITERATIONS = 12  # of a smooth term, whose valleys are long; more gain less than another term must be worth
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,8 @@ def _choose(problem: Problem, base: Fit) -> _Choice | None:
 def _fitted(problem: Problem, base: Fit, form: LearnedForm) -> _Tried:
     kind = learned_kind(form)
     if form.shape == "spline":  # all but linear: one valley
-        fit = problem.fit((kind,), np.concatenate([base.vector, np.zeros(len(kind.parameters()))]))
+        start = np.concatenate([base.vector, np.zeros(len(kind.parameters()))])
+        fit = problem.fit((kind,), start, ENOUGH_ITERATIONS)
     else:
         fit = problem.best_fit((kind,), base.vector, FORMULA_STARTS)
     return _Tried(form, fit, evidence(fit, problem.noise).log_evidence)

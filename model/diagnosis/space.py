@@ -130,11 +130,12 @@ class Predictor:
         parameters, effects = self.decode(kinds, vectors)
         if not (kinds and self.data.has_effects_off):
             return self._solve(parameters, effects, len(vectors))
-        on = [self.data.with_effect(kind.name) for kind in kinds]
+        on = np.array([self.data.with_effect(kind.name) for kind in kinds])
+        together = 2 ** np.arange(len(kinds)) @ on  # a number for which effects are on together, per observation
         predicted = np.empty((len(vectors), self._row.size))
-        for switched in np.unique(np.array(on), axis=1).T:  # which effects are on together, in some observations
-            here = np.all(np.array(on) == switched[:, None], axis=0)
-            left = [effect for effect, is_on in zip(effects, switched, strict=True) if is_on]
+        for number in np.unique(together):
+            here = together == number
+            left = [effect for i, effect in enumerate(effects) if number >> i & 1]
             predicted[:, here] = self._solve(parameters, left, len(vectors))[:, here]
         return predicted
 

@@ -10,6 +10,7 @@ from scipy.special import logsumexp
 
 from model.diagnosis.fit import Problem
 from model.diagnosis.naming import (
+    KIN_NATS,
     NONE,
     PRIOR_NONE,
     PRIOR_UNKNOWN,
@@ -238,7 +239,8 @@ def _several(
     """The winner with what else is needed, where that fits; None where it does not, or where one is enough.
 
     Beside a winner that fits alone, a second effect counts by what the data say in favour of its form, as one of two
-    rivals would; beside one that does not, it must do more than a discrepancy of unknown shape.
+    rivals would, and where both act at one place by more: another form of the one may look like the two. Beside a
+    winner that does not fit, it must do more than a discrepancy of unknown shape.
     """
     chosen = weighed.winner
     while (more := search.best_with_one_more(chosen)) is not None:
@@ -246,7 +248,8 @@ def _several(
             return None
         if one_fits:
             gain = more.alone.log_evidence - chosen.alone.log_evidence
-            return more if gain + ANOTHER > ANOTHER_NATS else None
+            kin = len({kind.stage for kind in more.kinds}) < len(more.kinds)
+            return more if gain + ANOTHER > (KIN_NATS if kin else ANOTHER_NATS) else None
         added = len(more.kinds) - len(chosen.kinds)
         if more.alone.log_evidence + added * ANOTHER - chosen.beside_discrepancy.log_evidence <= ANOTHER_NATS:
             return None

@@ -151,7 +151,8 @@ def _scan(
     if not boxes:
         return []
     directions = directions[:, usable] / norms[usable]
-    largest = np.sort(np.abs(directions.T @ rng.standard_normal((data.count, DRAWS))).max(axis=0))
+    chance = rng.standard_normal((data.count, DRAWS), dtype=np.float32)
+    largest = np.abs(directions.T.astype(np.float32) @ chance).max(axis=0)
     raw = noise.lower @ residual * np.sqrt(fit.scale2)
     regions, left = [], residual.copy()
     for _ in range(MOST_REGIONS):
