@@ -157,19 +157,13 @@ def specs(seed: int, scale: float, families: tuple[str, ...] = (), counts: dict[
 
 
 def ci_specs() -> list[Spec]:
-    """Ten fixed sets: 2 null, 5 single, 2 strangers, 1 with wrong noise."""
-    null = [Spec("F0", i, design=d) for i, d in enumerate(("paper", "quiet_grid"))]
+    """Six fixed sets: 1 null, 3 single, 1 stranger, 1 with wrong noise."""
+    null = Spec("F0", 0, design="paper")
     singles = (
         ("amplifier_bandwidth", 200.0, "voltage_frequency"),
         ("sweat_film", 150.0, "six_sessions"),
-        ("load_dependent_friction", 200.0, "factorial"),
-        ("velocity_dependent_friction", 400.0, "speed_sweep"),
         ("contact_ageing", 300.0, "timed"),
     )
     single = [Spec("F1", i, ((n, level),), _form(i), d) for i, (n, level, d) in enumerate(singles)]
-    outside = (
-        ("sensor_resonance_frequency", 800.0, "voltage_frequency"),
-        ("gain_drift", 600.0, "timed"),
-    )
-    strange = [Spec("F4", i, ((n, level),), design=d) for i, (n, level, d) in enumerate(outside)]
-    return [*null, *single, *strange, Spec("F7", 0, noise="scale_1.5", design="six_sessions")]
+    strange = Spec("F4", 0, (("sensor_resonance_frequency", 800.0),), design="voltage_frequency")
+    return [null, *single, strange, Spec("F7", 0, noise="scale_1.5", design="six_sessions")]
