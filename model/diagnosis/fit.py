@@ -5,7 +5,7 @@ The noise scale is integrated out: -(n + nu)/2 log(1 + chi^2/nu) replaces -chi^2
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -78,9 +78,17 @@ class Problem:
 
     def linearise(self, kinds: Sequence[type[Effect]], vector: Array) -> tuple[Array, Array]:
         """Residual [n] and Jacobian of the prediction [n, k], both whitened, in one call of the model."""
-        steps = np.where(vector > 0.0, -STEP, STEP)  # inwards: what lies beyond the farthest is flat
-        all_residuals = self.whitened(kinds, np.vstack([vector, vector + np.diag(steps)]))
-        return all_residuals[0], -(all_residuals[1:] - all_residuals[0]).T / steps
+        return next(self.linearised(kinds, vector[None]))
+
+    def linearised(self, kinds: Sequence[type[Effect]], vectors: Array) -> Iterator[tuple[Array, Array]]:
+        """The same at each of some vectors [m, k], still in one call."""
+        steps = np.where(vectors > 0.0, -STEP, STEP)  # inwards: what lies beyond the farthest is flat
+        stepped = vectors[:, None] + np.concatenate(
+            [0.0 * steps[:, None], steps[:, :, None] * np.eye(steps.shape[1])], 1
+        )
+        residuals = self.whitened(kinds, stepped.reshape(-1, steps.shape[1])).reshape(*stepped.shape[:2], -1)
+        for own, step in zip(residuals, steps, strict=True):
+            yield own[0], -(own[1:] - own[0]).T / step
 
     def fit(self, kinds: Sequence[type[Effect]], start: Array, iterations: int = ITERATIONS) -> Fit:
         """Damped Gauss-Newton from one start."""

@@ -97,12 +97,10 @@ def _seen(description: ModelDescription, data: Measurements, prediction: Array, 
 
 def _left(problem: Problem, base: Fit, rival: type[Effect]) -> float:
     """What `rival` leaves of the true effect, in chi^2."""
-    start = np.zeros(problem.predictor.size((rival,)))
-    start[: base.vector.size] = base.vector
+    starts = np.zeros((len(STARTS), problem.predictor.size((rival,))))
+    starts[:, : base.vector.size], starts[:, base.vector.size] = base.vector, STARTS
     near = base.chi2
-    for strength in STARTS:
-        start[base.vector.size] = strength
-        residual, jacobian = problem.linearise((rival,), start)
+    for residual, jacobian in problem.linearised((rival,), starts):
         within, _ = np.linalg.qr(jacobian)
         near = min(near, float(residual @ residual - np.sum((within.T @ residual) ** 2)))
     if near > FAR:

@@ -161,11 +161,6 @@ def decide(
     if probabilities[NONE] >= NOTHING and not base_scan.alarm and adequate(base, base_scan.lack_of_fit_p):
         return Verdict("no_discrepancy", True, base, probabilities, {}, ("no effect is worth its parameters",))
 
-    alike = confusion(problem, winner, weighed.singles)
-    group = [name for name, value in alike.items() if value < TOGETHER]
-    group += [
-        c.name for c in weighed.singles if c.name not in (winner.name, *group) and could_stand_for(c, winner, base)
-    ]
     one_fits = adequate(winner, scan(winner).lack_of_fit_p)
     search = Search(problem, weighed.singles, progress)
     several = _several(search, weighed, one_fits, scan)
@@ -173,8 +168,16 @@ def decide(
         places = [search.places(several, i) for i in range(len(several.kinds))]
         if max(len(place) for place in places) <= MOST_ALIKE:
             return _name_several(several, places, probabilities)
+    if one_fits and (settled := _of_no_effect(weighed, probabilities)):
+        return settled
+
+    alike = confusion(problem, winner, weighed.singles)
+    group = [name for name, value in alike.items() if value < TOGETHER]
+    group += [
+        c.name for c in weighed.singles if c.name not in (winner.name, *group) and could_stand_for(c, winner, base)
+    ]
     if one_fits:
-        return _name_one(weighed, winner, group, probabilities, remainder)
+        return _name_one(winner, group, probabilities)
 
     needed = _needed_beside_discrepancy(weighed, group)
     if winner.name in needed and remainder <= LIST_REMAINDER and probabilities[UNKNOWN] < 0.5:
@@ -193,17 +196,26 @@ def decide(
     )
 
 
-def _name_one(
-    weighed: Weighed, winner: Candidate, group: list[str], probabilities: dict[str, float], remainder: float
-) -> Verdict:
-    effects = {name: value for name, value in probabilities.items() if name not in (NONE, UNKNOWN)}
-    certain = sum(effects.values()) >= SURE
-    if not certain and probabilities[UNKNOWN] >= 0.5:
+def _effects(probabilities: dict[str, float]) -> dict[str, float]:
+    return {name: value for name, value in probabilities.items() if name not in (NONE, UNKNOWN)}
+
+
+def _of_no_effect(weighed: Weighed, probabilities: dict[str, float]) -> Verdict | None:
+    """The verdict where no effect is certain and something else is the most probable."""
+    if sum(_effects(probabilities).values()) >= SURE:
+        return None
+    if probabilities[UNKNOWN] >= 0.5:
         reason = "a discrepancy of unknown shape is the most probable"
         return Verdict("unexplained", False, weighed.base, probabilities, {}, (reason,))
-    if not certain and probabilities[NONE] >= 0.5:
+    if probabilities[NONE] >= 0.5:
         reason = "nothing is certain; none is the most probable"
         return Verdict("no_discrepancy", True, weighed.base, probabilities, {}, (reason,))
+    return None
+
+
+def _name_one(winner: Candidate, group: list[str], probabilities: dict[str, float]) -> Verdict:
+    effects = _effects(probabilities)
+    certain = sum(effects.values()) >= SURE
     members = dict.fromkeys([winner.name, *group, *_credible(_shares(effects))])
     rivals = [name for name in members if name != winner.name]
     reason = "these data cannot tell the group's members apart" if certain else "no candidate is certain; ranked"

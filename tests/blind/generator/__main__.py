@@ -70,7 +70,7 @@ def _options(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--scale", type=float, default=0.1, help="share of the full counts")
     parser.add_argument("--families", default="", help="comma-separated, of " + ",".join(COUNTS))
     parser.add_argument("--counts", default="", help="exact numbers instead of --scale, as F0=15,F1=33")
-    parser.add_argument("--ci", action="store_true", help="the six fixed sets; seed, scale and families are ignored")
+    parser.add_argument("--ci", action="store_true", help="the five fixed sets; seed, scale and families are ignored")
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     options = parser.parse_args(argv)
     named = [n.partition("=")[0] for n in f"{options.families},{options.counts}".split(",") if n]

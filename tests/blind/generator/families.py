@@ -157,11 +157,10 @@ def specs(seed: int, scale: float, families: tuple[str, ...] = (), counts: dict[
 
 
 def ci_specs() -> list[Spec]:
-    """Six fixed sets: 1 null, 3 single, 1 stranger, 1 with wrong noise."""
+    """Five fixed sets: 1 null, 2 single, 1 stranger, 1 with wrong noise."""
     null = Spec("F0", 0, design="paper")
     singles = (
         ("amplifier_bandwidth", 200.0, "voltage_frequency"),
-        ("sweat_film", 150.0, "six_sessions"),
         ("contact_ageing", 300.0, "timed"),
     )
     single = [Spec("F1", i, ((n, level),), _form(i), d) for i, (n, level, d) in enumerate(singles)]

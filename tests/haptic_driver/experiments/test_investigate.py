@@ -86,22 +86,21 @@ def test_every_round_lies_in_its_folder(found: tuple[Investigation, Path]) -> No
     assert said["diagnosis"]["verdict"] == "effect_found"
 
 
-def test_what_is_there_is_not_measured_again(short: Plan, found: tuple[Investigation, Path], tmp_path: Path) -> None:
-    """As if it had been killed in its first round, after so many rows."""
-    _, out = found
-    lines = (out / "round-1" / "data.csv").read_text().splitlines(keepends=True)
-    cells, column = lines[5].split(","), lines[0].split(",").index("cof")
-    kept = [
-        *lines[:5],
-        ",".join([*cells[:column], "0.5", *cells[column + 1 :]]),
-        *lines[6:30],
-    ]  # measured again: not 0.5
-    (tmp_path / "round-1").mkdir()
-    (tmp_path / "round-1" / "data.csv").write_text("".join(kept))
-    shutil.copy(out / "round-1" / "data.csv.meta.json", tmp_path / "round-1")
-    again = investigate(Subject(hiding(SWEAT), load_model("reference"), short), tmp_path, Budget(rounds=1))
-    now = (tmp_path / "round-1" / "data.csv").read_text().splitlines(keepends=True)
-    assert now[:30] == kept
+def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
+    """As if it had been killed in its first round, after so many rows; too few of them to diagnose anything."""
+    few = Plan(name="few", settings=tuple(Setting(f, 75.0, 0.5, 0.02) for f in (20.0, 100.0, 250.0)), repeats=2)
+    subject = Subject(hiding(SWEAT), load_model("reference"), few)
+    investigate(subject, tmp_path / "first", Budget(rounds=1))
+    lines = (tmp_path / "first" / "round-1" / "data.csv").read_text().splitlines(keepends=True)
+    cells, column = lines[2].split(","), lines[0].split(",").index("cof")
+    kept = [*lines[:2], ",".join([*cells[:column], "0.5", *cells[column + 1 :]]), lines[3]]  # measured again: not 0.5
+    folder = tmp_path / "again" / "round-1"
+    folder.mkdir(parents=True)
+    (folder / "data.csv").write_text("".join(kept))
+    shutil.copy(tmp_path / "first" / "round-1" / "data.csv.meta.json", folder)
+    again = investigate(subject, tmp_path / "again", Budget(rounds=1))
+    now = (folder / "data.csv").read_text().splitlines(keepends=True)
+    assert now[:4] == kept
     assert again.rows == len(now) - 1 == len(lines) - 1
 
 
