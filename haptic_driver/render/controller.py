@@ -194,6 +194,9 @@ def step(
         idle = OperatingPoint(idle_hz, 0.0, np.nan, 0.0, 0.0, True, np.nan, np.nan)
         return ControllerState(state.frequency_hz, known, commands), idle
     frequency_hz, inverse, factors = chosen(control, known, target.cof, finger, state.frequency_hz)
+    if control.learns and frequency_hz != state.frequency_hz and not np.isnan(state.frequency_hz):
+        known = feedback.elsewhere(control.law, known, state.frequency_hz, frequency_hz)
+        frequency_hz, inverse, factors = chosen(control, known, target.cof, finger, frequency_hz)
     point = as_felt(frequency_hz, inverse, factors, known.gains, target.cof)
     return ControllerState(frequency_hz, known, commands), point
 
