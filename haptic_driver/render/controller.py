@@ -206,8 +206,11 @@ def carried(held: Held, before: Held, state: ControllerState, speed_m_s: float, 
     """The state on another surface than `before`, with gains that leave the friction of the present drive as it was.
 
     So a swap moves no voltage. Both gains become the same: what they told apart is the new surface's to know, also at
-    other carriers. With next to no voltage or without contact some usual ones are taken.
+    other carriers. With next to no voltage or without contact some usual ones are taken. Where nothing is learnt
+    nothing is carried: the voltage goes to the new surface's by the drive's rate.
     """
+    if not held[0].learns:
+        return state
     new, old, known, frequency_hz = held[0], before[0], state.estimate, state.frequency_hz
     nodes, load_n, time_s = new.surface.log_normal_force, known.normal_force_n, known.time_s
     peak_v = voltage_v if voltage_v >= WORTH_COMPARING_V else USUAL_SHARE * new.surface.voltage_v[-1]
