@@ -121,9 +121,10 @@ class HapticClient:
         """Acknowledge a fault whose cause is gone."""
         return self._ask(verbs.RESET)
 
-    def use_model(self, model: str) -> Status:
-        """Render by another model, by its name or the path of its file; while the daemon is idle."""
-        return self._ask(verbs.USE_MODEL, name=_named_from_anywhere(model))
+    def use_model(self, model: str, carrier_hz: float | None = None, *, feedback: bool = True) -> Status:
+        """Render by another model, by its name or the path of its file, at one carrier; while the daemon is idle."""
+        name = _named_from_anywhere(model)
+        return self._ask(verbs.USE_MODEL, name=name, carrier_hz=carrier_hz, feedback=feedback)
 
     def adapt(self, on: bool) -> Status:
         """Mend the finger's model while it renders, or go back to the model as it was."""

@@ -123,14 +123,18 @@ def status(socket: SocketOption = None, as_json: Json = False) -> None:
 
 def use(
     model: Annotated[str, named("models", "Model", Argument)],
+    carrier: Annotated[float | None, Option(help="Hz, in place of what the rig's file has chosen.")] = None,
+    feedback: Annotated[
+        bool, Option("--feedback/--no-feedback", help="Hold friction by what is felt, or go by the model alone.")
+    ] = True,
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
     """Render by another model, such as one that `haptic calibrate` made for a finger; while the daemon is idle.
 
-    Example: `haptic use reference`
+    Example: `haptic use reference --carrier 2000`
     """
-    ask(socket, as_json, lambda client: client.use_model(model))
+    ask(socket, as_json, lambda client: client.use_model(model, carrier, feedback=feedback))
 
 
 def adapt(

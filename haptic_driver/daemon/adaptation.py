@@ -27,9 +27,13 @@ class Adaptation:
 
     def begin(self) -> None:
         """Another finger, or back to the model's file."""
-        self._present = self._description
+        self._present = self._offered = self._description
         self._rows: deque[Recorded] = deque(maxlen=MOST_ROWS)
         self._tried_s = float("-inf")
+
+    def taken(self) -> None:
+        """Render goes by what was proposed last."""
+        self._present = self._offered
 
     def add(self, rows: Sequence[Recorded]) -> Proposal | None:
         """What some more rows, later ones, lead to; None where there is nothing to try yet."""
@@ -43,7 +47,7 @@ class Adaptation:
         found = self._mend(known, self._description, held_out, self._present)
         if not isinstance(found, Mended):
             return Proposal(found.said)
-        self._present = found.model
+        self._offered = found.model
         surface = build_surface(found.model, self._limits)
         return Proposal(found.said, surface, numbers(found.model), [told(row) for row in (*known, *held_out)])
 

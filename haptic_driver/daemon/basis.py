@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.loader import Loader
@@ -26,6 +27,7 @@ class Basis:
         self.observer = Observer(shared, events, self._install)
         self.inquiry = Inquiry(events)
         self._shared, self._events, self._loader = shared, events, loader
+        self._own = settings.surface  # of the model as its file has it
 
     def among(self, orders: Orders, targets: Targets, recordings: Recordings, supervisor: Supervisor) -> None:
         """Who else has to do with it; before anything is asked."""
@@ -46,8 +48,11 @@ class Basis:
         """Process ids by name."""
         return self.observer.pids | self.inquiry.pids
 
-    def use(self, name: str) -> None:
-        """Solve a model's surface and let render begin anew with it. RefusedError unless idle and not recording."""
+    def use(self, name: str, carrier_hz: float | None, *, feedback: bool) -> None:
+        """Solve a model's surface and let render begin anew with it. RefusedError unless idle and not recording.
+
+        Where it is the model that was used before, what was observed and mended is kept.
+        """
         with self._recordings.lock, self._targets.choosing:
             with self._orders.lock:
                 state = self._orders.machine.state
@@ -57,14 +62,20 @@ class Basis:
                     raise RefusedError("recording", "a run keeps its surface", "stop the recording first")
                 self._supervisor.claim_render()
             try:
-                settings = self.settings.with_model(name, self._loader.model(name))
+                before = replace(self.settings, carrier_hz=carrier_hz, feedback=feedback)
+                settings = before.with_model(name, self._loader.model(name))
+                same = settings.surface.content_hash == self._own.content_hash
+                if same:
+                    settings = before.with_surface(before.surface, before.render.surface)
             except BaseException:
                 self._supervisor.release_render()
                 raise
             self.settings = settings
             self._supervisor.render_anew(settings)
-            self.observer.start(settings.observed)
-        self._events.tell("model", name, surface_hash=settings.surface.content_hash)
+            if not same:
+                self._own = settings.surface
+                self.observer.start(settings.observed)
+        self._events.tell("model", name, surface_hash=settings.surface.content_hash, carrier_hz=carrier_hz)
 
     def why(self, minutes: float) -> Why:
         """Diagnose what was rendered in that time, by the model as its file has it."""

@@ -179,6 +179,7 @@ class Daemon:
                 real_time=self.supervisor.real_time,
                 latency_budget_s=settings.latency_budget_s,
                 surface_hash=settings.surface.content_hash,
+                feedback=settings.feedback,
                 agreement=self.basis.observer.cells,
                 disagreement=self.basis.observer.said,
                 adaptation=self.basis.observer.adaptation,
@@ -238,9 +239,9 @@ class Daemon:
             self.event_log.tell("state", "fault acknowledged; idle")
         return self.status()
 
-    def use_model(self, name: str) -> Status:
-        """Solve its surface and let render begin anew with it."""
-        self.basis.use(name)
+    def use_model(self, name: str, carrier_hz: float | None = None, *, feedback: bool = True) -> Status:
+        """Solve its surface and let render begin anew with it, at one carrier, or without feedback."""
+        self.basis.use(name, carrier_hz, feedback=feedback)
         return self.status()
 
     def adapt(self, on: bool) -> Status:

@@ -102,6 +102,7 @@ class Status(Checked):
     real_time: bool
     latency_budget_s: dict[str, float]
     surface_hash: str
+    feedback: bool = True  # friction is held by what is felt; else by the model alone
     agreement: list[AgreementCell] = Field(default=[])  # since arming, with what the surface expects of the finger
     disagreement: str | None = None  # the last sentence about it
     adaptation: str | None = None  # what came of mending the model last; null while nothing is mended
@@ -158,9 +159,11 @@ class TextureChoice(Request):
 
 
 class ModelChoice(Request):
-    """`haptic use MODEL`."""
+    """`haptic use MODEL`; without `carrier_hz` the carrier is chosen as the rig's file says."""
 
     name: Annotated[str, Field(min_length=1, max_length=1000)]
+    carrier_hz: Annotated[FiniteFloat, Field(gt=0.0)] | None = None
+    feedback: bool = True
 
 
 class Adapt(Request):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum, auto
 from math import inf, log
 from typing import NamedTuple
 
@@ -20,6 +21,15 @@ from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.read import Run
 from haptic_driver.simulation.friction import surface_friction
 from haptic_driver.surface.file import SurfaceFile
+
+
+class Word(Enum):
+    """What control tells the process: whether to mend, and by which surface render goes from here on."""
+
+    ADAPT = auto()
+    REST = auto()
+    TAKEN = auto()  # the one that was proposed last
+    BASE = auto()  # the model's own
 
 
 @dataclass(frozen=True)

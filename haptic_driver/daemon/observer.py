@@ -17,10 +17,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from math import inf
 from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.messages import AgreementCell
-from haptic_driver.daemon.observation import Observation, Observed, ObserverSettings, Proposal
+from haptic_driver.daemon.observation import Observation, Observed, ObserverSettings, Proposal, Word
 from haptic_driver.experiments.recorded import Recorded
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.compilation import compilation_said
@@ -29,6 +33,9 @@ from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.recording.clock import clock_offsets
 from haptic_driver.surface.file import SurfaceFile
 from haptic_driver.surface.models import load_model
+
+if TYPE_CHECKING:
+    from haptic_driver.daemon.adaptation import Adaptation
 
 NAME = "observer"
 PERIOD_S = 2.0  # a ring holds 16 s
@@ -56,6 +63,7 @@ class Observer:
         self._base: SurfaceFile | None = None  # the model's own surface, while render goes by a mended one
         self._child: Child | None = None
         self._told_s = -inf
+        self._swapping = threading.RLock()
         self._ending = threading.Event()
         self._listening: threading.Thread | None = None
 
@@ -73,13 +81,17 @@ class Observer:
         self._listening.start()
 
     def adapt(self, on: bool) -> None:
-        """Mend the model from now on, or go back to it as it was. HapticError where render does not take that up."""
-        self.adaptation = NOTHING_YET if on else None
+        """Mend the model from now on, or go back to it as it was, which is an event once render does."""
+        with self._swapping:
+            self.adaptation = (self.adaptation or NOTHING_YET) if on else None
+            self._send(Word.ADAPT if on else Word.REST)
+            if not on:
+                self._go_back(self._ending)
+
+    def _send(self, word: Word) -> None:
         with suppress(OSError):
             if self._link is not None:
-                self._link.send(on)
-        if not on:
-            self._go_back(self._ending)
+                self._link.send(word)
 
     def close(self) -> None:
         """End it."""
@@ -103,8 +115,8 @@ class Observer:
             how = self._attend(given, base, ending)
             if not ending.is_set():
                 self._events.tell(NAME, f"{how}; it is started again, rendering goes on")
-                ending.wait(RETRY_S)
-                self._go_back(ending)  # what it had mended is gone with it
+                while not (ending.wait(RETRY_S) or self._go_back(ending)):  # what it had mended is gone with it
+                    pass
 
     def _attend(self, given: bytes, base: SurfaceFile, ending: threading.Event) -> str:
         """Start one and hear it until it ends, or is to; how that was."""
@@ -117,7 +129,8 @@ class Observer:
                     child = Child(NAME, __name__, passed, given=given, descriptors=passed)
                 if not ending.is_set():  # else there may be another already
                     self._child, self._link = child, link
-                link.send(self.adaptation is not None)
+                if self.adaptation is not None:
+                    link.send(Word.ADAPT)
                 while not ending.is_set():
                     self.hear(link.recv(), base, ending)
         if child is None:
@@ -125,10 +138,17 @@ class Observer:
         child.kill()
         return child.ended or "the observer process does not end"
 
-    def _go_back(self, ending: threading.Event) -> None:
-        base, self._base = self._base, None
-        if base is not None and self._install(base, ending.is_set):
-            self._events.tell("adapt", "back to the model as it was", surface_hash=base.content_hash)
+    def _go_back(self, ending: threading.Event) -> bool:
+        """Whether render goes by the model's own surface now."""
+        with self._swapping:
+            if self._base is None:
+                return True
+            if not self._install(self._base, ending.is_set):
+                return False
+            self._events.tell("adapt", "back to the model as it was", surface_hash=self._base.content_hash)
+            self._base = None
+            self._send(Word.BASE)
+            return True
 
     def _propose(self, proposal: Proposal, base: SurfaceFile, ending: threading.Event) -> None:
         if self.adaptation is None:  # switched off meanwhile
@@ -140,6 +160,7 @@ class Observer:
                 self._events.tell("adapt", f"not mended: {proposal.said}")
         elif self._install(proposal.surface, ending.is_set):
             self._base = base
+            self._send(Word.TAKEN)
             self._events.tell(
                 "adapt", f"mended: {proposal.said}", surface_hash=proposal.surface.content_hash,
                 model=proposal.numbers, rows=proposal.rows,
@@ -148,13 +169,46 @@ class Observer:
     def hear(self, observed: Observed, base: SurfaceFile, ending: threading.Event) -> None:
         """Take in what the process says, unless it is to end; `base` is the surface of the model as it was."""
         if observed.proposal is not None:
-            self._propose(observed.proposal, base, ending)
+            with self._swapping:
+                self._propose(observed.proposal, base, ending)
         self.rows.extend(observed.rows)
         self.cells = [AgreementCell.model_validate(cell) for cell in observed.cells]
         for found in observed.found:
             began = time.localtime(found.since_s + clock_offsets().wall_offset_s)
             self.said = f"{found}, since {time.strftime('%H:%M', began)}"
             self._events.tell("agreement", self.said, **found._asdict())
+
+
+class Following:
+    """What the process does with samples and words; the surface that it goes by is the one that render goes by."""
+
+    def __init__(self, settings: ObserverSettings, adaptation: Adaptation) -> None:
+        self._settings, self._adaptation = settings, adaptation
+        self._observation = Observation(settings)
+        self._adapts, self._offered = False, settings.surface
+
+    def begin(self) -> None:
+        """Somebody armed."""
+        self._observation.begin()
+
+    def hear(self, word: Word) -> None:
+        """What control says."""
+        if word is Word.TAKEN:
+            self._adaptation.taken()
+            self._observation.expect(self._offered)
+        elif word is Word.BASE:
+            self._adaptation.begin()
+            self._observation.expect(self._settings.surface)
+        else:
+            self._adapts = word is Word.ADAPT
+
+    def add(self, samples: NDArray[np.void]) -> Observed:
+        """What some more samples of SAMPLE [n] tell, and lead to."""
+        observed = self._observation.add(samples)
+        proposal = self._adaptation.add(observed.rows) if self._adapts else None
+        if proposal is not None and proposal.surface is not None:
+            self._offered = proposal.surface
+        return observed._replace(proposal=proposal)
 
 
 def main() -> None:
@@ -164,24 +218,17 @@ def main() -> None:
     give_way()
     shared, settings = SharedState(int(sys.argv[1])), pickle.load(sys.stdin.buffer)
     with compilation_said(NAME):
-        observation = Observation(settings)
-    adaptation = Adaptation(load_model(settings.model), settings.limits)
-    position, arming, adapts = shared.ring.position, shared.order.read().arming, False
+        following = Following(settings, Adaptation(load_model(settings.model), settings.limits))
+    position, arming = shared.ring.position, shared.order.read().arming
     with Connection(int(sys.argv[2])) as link, suppress(EOFError, OSError):
         while True:
             if link.poll(PERIOD_S):
-                adapts = link.recv()
-                adaptation.begin()
-                observation.expect(settings.surface)
+                following.hear(link.recv())
             if (now := shared.order.read().arming) != arming:
                 arming = now
-                observation.begin()
+                following.begin()
             samples, _, position = shared.ring.read(position)
-            observed = observation.add(samples)
-            proposal = adaptation.add(observed.rows) if adapts else None
-            if proposal is not None and proposal.surface is not None:
-                observation.expect(proposal.surface)
-            link.send(observed._replace(proposal=proposal))
+            link.send(following.add(samples))
 
 
 if __name__ == "__main__":

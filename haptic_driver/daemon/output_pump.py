@@ -19,6 +19,7 @@ PUMP_TIMEOUT_S = 5.0  # more than all timeouts of the devices together
 OUTPUT_STALE_S = 0.2  # what render said so long ago is not brought out any more
 LINGER_S = 10.0  # an envelope's carrier is on so long without voltage: to bring it back takes a tenth of a second
 START_S = 0.15  # how long an output takes to come up: a 33220A sets up a modulation in 0.11 s (unverified)
+GAP_S = 0.02  # after a gap was noticed, until what is played is whole again
 OFF = DriveCommand(0.0, 0.0, False)
 
 
@@ -128,7 +129,7 @@ class OutputPump:
             self._failed(message_of(error))
         if actuator.underruns > underruns:
             self.underruns += 1
-            self._dry_s = now_s
+            self._dry_s = now_s + GAP_S
 
     def _course(self) -> Course:
         """What render wants of an envelope since the last time, if it may go out."""

@@ -145,7 +145,7 @@ class Renderer:
         self._shared.output.write(output)
         if self._settings.envelope:
             self._shared.courses.write((output.order, *self._kept.course_v2.tolist()))
-        self._shared.ring.write(self._sample(due, sensed, done, output, self._kept))
+        self._shared.ring.write(self._sample(due, sensed, driven, done, output, self._kept))
         return output
 
     def rehearse(self, due: Due) -> None:
@@ -156,7 +156,7 @@ class Renderer:
         order, sensed, driven = self._read()
         kept, done, output = self._decide(due, order, sensed, driven)
         self._practice.write(output)
-        self._shared.ring.put(self._sample(due, sensed, done, output, kept))
+        self._shared.ring.put(self._sample(due, sensed, driven, done, output, kept))
 
     def stop(self) -> None:
         """Leave zero behind."""
@@ -239,7 +239,9 @@ class Renderer:
     def _is_stale(self, sensed: Sensed, now_s: float) -> bool:
         return now_s - min(sensed.finger_time_s, sensed.force_time_s) > self._settings.stale_s
 
-    def _sample(self, due: Due, sensed: Sensed, done: Tick, output: Output, kept: Kept) -> tuple[float, ...]:
+    def _sample(
+        self, due: Due, sensed: Sensed, driven: Driven, done: Tick, output: Output, kept: Kept
+    ) -> tuple[float, ...]:
         """The fields of SAMPLE."""
         finger = done.finger
         speed_m_s = math.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
@@ -252,7 +254,7 @@ class Renderer:
             finger.position_x_m, finger.position_y_m, speed_m_s,
             sensed.normal_force_n, sensed.lateral_force_n, finger.in_contact,
             done.target.cof, done.wanted.cof, measured, kept.state.controller.estimate.gain,
-            output.frequency_hz, output.voltage_v, output.output_on, output.flags,
+            output.frequency_hz, output.voltage_v, output.output_on and due.due_s >= driven.since_s, output.flags,
         )  # fmt: skip
 
 

@@ -26,7 +26,8 @@ class DaemonSettings:
 
     `rig` and `model` are the names that were given. `allow_no_rt`: real hardware without real-time scheduling.
     `amplifier_record`: a file in which simulated instruments write down what was at the electrode; `finger`: the
-    simulated one's function, as module:function.
+    simulated one's function, as module:function. `carrier_hz`: the only carrier, in place of the rig's policy;
+    `feedback`: from measured friction.
     """
 
     rig: str
@@ -37,6 +38,8 @@ class DaemonSettings:
     allow_no_rt: bool = False
     amplifier_record: Path | None = None
     finger: str | None = None
+    carrier_hz: float | None = None
+    feedback: bool = True
 
     def with_model(self, model: str, description: ModelDescription) -> DaemonSettings:
         """The same with another model's surface, which is solved. Raises BadInputError."""
@@ -45,7 +48,11 @@ class DaemonSettings:
 
     def with_surface(self, surface: SurfaceFile, number: int) -> DaemonSettings:
         """The same with another surface, which has that number among orders."""
-        render = replace(render_settings(self.config, surface), surface=number)
+        config = self.config
+        if self.carrier_hz is not None:
+            chosen = {"policy": "fixed_frequency", "fixed_frequency_hz": self.carrier_hz}
+            config = config.model_copy(update={"controller": config.controller.model_copy(update=chosen)})
+        render = replace(render_settings(config, surface, feedback=self.feedback), surface=number)
         return replace(self, surface=surface, render=render)
 
     @property
@@ -69,13 +76,14 @@ def daemon_settings(
     return DaemonSettings(rig, model, config, surface, render, allow_no_rt, amplifier_record)
 
 
-def render_settings(config: RigConfig, surface: SurfaceFile) -> RenderSettings:
+def render_settings(config: RigConfig, surface: SurfaceFile, *, feedback: bool = True) -> RenderSettings:
     """How to render on one rig, with nothing to render yet; positions are extrapolated by the whole latency."""
     latency_s = latency_budget_s(config, PERIOD_S)
     feedback_latency_s = latency_s["total"] - latency_s["sensor"] - latency_s["tick"]
     stages = tick_settings(
-        config, surface, Nothing(), feedback_latency_s=feedback_latency_s, output_latency_s=latency_s["total"]
-    )
+        config, surface, Nothing(),
+        feedback_latency_s=feedback_latency_s if feedback else None, output_latency_s=latency_s["total"],
+    )  # fmt: skip
     return RenderSettings(stages, envelope=not isinstance(config.analog_output, NoAnalogOutput), period_s=PERIOD_S)
 
 

@@ -84,8 +84,10 @@ RESET = Verb(
     "Acknowledge a fault or trip whose cause is gone; fault to idle.",
 )  # fmt: skip
 USE_MODEL = Verb(
-    "use_model", "POST", "/model", messages.ModelChoice, Status, lambda daemon, asked, _: daemon.use_model(asked.name),
-    "Render by another model, such as one of the finger that is there now; while idle. Takes about a second.",
+    "use_model", "POST", "/model", messages.ModelChoice, Status,
+    lambda daemon, asked, _: daemon.use_model(asked.name, asked.carrier_hz, feedback=asked.feedback),
+    "Render by another model, such as one of the finger that is there now, at one carrier or without feedback; while "
+    "idle. Takes about a second.",
 )  # fmt: skip
 ADAPT = Verb(
     "adapt", "POST", "/adapt", messages.Adapt, Status, lambda daemon, asked, _: daemon.adapt(asked.on),

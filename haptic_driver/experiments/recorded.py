@@ -35,6 +35,7 @@ LONGEST_S = 1.0
 SHARED_S = 1.0  # of a row's own scatter: so much counts what all rows say about the noise
 SETTLING_S = 0.05  # after another carrier: set points come 10 ms late, and friction needs 20 ms at SLOWEST_M_S
 TIMING_S = {"envelope": 0.001, "set_point": 0.010}  # so much early or late may the drive be
+UNNOTICED_S = 0.2  # so long may an output have been without voltage before that is noticed
 SLOWEST_M_S = 0.003
 CUTOFF_PER_M = FeedbackSettings(0.0).cutoff_hz_per_m_s
 SETTLED_M = 0.0003  # of a stroke: before, the skin still stretches
@@ -106,7 +107,7 @@ def cut(run: Run) -> list[Recorded]:
         return found
     drive, lasted_s = _drive(run), []
     session, stroke, ended_s, start_s = 1, 0, -np.inf, float(run.samples["time_s"][0])
-    for part in _strokes(run.samples, start_s + run.attributes["latency_budget_s"]["total"] + SETTLING_S):
+    for part in _strokes(run.samples, run.attributes["latency_budget_s"]["total"] + SETTLING_S):
         samples, during = run.samples[part], drive.during(part)
         windows = _windows(samples, during)
         rows = [row for window in windows for row in _rows(samples[window], during.during(window))]
@@ -190,11 +191,18 @@ def _lagged(values: Array, way_m: Array) -> Array:
     return np.array([y for y, _ in accumulate(steps, lambda last, new: (last[0] + new[1] * (new[0] - last[0]), 0.0))])
 
 
-def _strokes(samples: NDArray[np.void], known_s: float) -> Iterator[slice]:
-    """Where, after `known_s`, the finger slides without a break or a turn, and friction is known."""
+def _strokes(samples: NDArray[np.void], settling_s: float) -> Iterator[slice]:
+    """Where the finger slides without a break or a turn, and friction is known: of what was out all the time.
+
+    Before the first sample nobody knows; what was commanded is felt within `settling_s`.
+    """
     saturated = (samples["flags"] & int(Flag.SATURATED_SENSOR)) > 0  # stays up until the next arming: nobody knows
-    usable = np.isfinite(samples["measured_cof"]) & (samples["time_s"] >= known_s) & ~saturated
+    usable = np.isfinite(samples["measured_cof"]) & ~saturated
     usable &= (samples["in_contact"] > 0) & (samples["speed_m_s"] >= SLOWEST_M_S)
+    time_s = samples["time_s"]
+    usable &= time_s >= time_s[0] + settling_s
+    lost_s = time_s[(samples["voltage_v"] > 0.0) & (samples["output_on"] == 0)]
+    usable &= np.searchsorted(lost_s, time_s - settling_s) == np.searchsorted(lost_s, time_s + UNNOTICED_S)
     gap = np.diff(samples["time_s"], prepend=samples["time_s"][0]) > GAP_S
     turn = np.diff(np.sign(samples["lateral_force_n"]), prepend=0.0) != 0.0
     for piece in _pieces(usable, gap | turn):

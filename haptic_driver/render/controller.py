@@ -194,6 +194,9 @@ def step(
         idle = OperatingPoint(idle_hz, 0.0, np.nan, 0.0, 0.0, True, np.nan, np.nan)
         return ControllerState(state.frequency_hz, known, commands), idle
     frequency_hz, inverse, factors = chosen(control, known, target.cof, finger, state.frequency_hz)
+    if control.learns and frequency_hz != state.frequency_hz and not np.isnan(state.frequency_hz):
+        known = feedback.elsewhere(control.law, known, state.frequency_hz, frequency_hz)
+        frequency_hz, inverse, factors = chosen(control, known, target.cof, finger, frequency_hz)
     point = as_felt(frequency_hz, inverse, factors, known.gains, target.cof)
     return ControllerState(frequency_hz, known, commands), point
 
@@ -203,8 +206,11 @@ def carried(held: Held, before: Held, state: ControllerState, speed_m_s: float, 
     """The state on another surface than `before`, with gains that leave the friction of the present drive as it was.
 
     So a swap moves no voltage. Both gains become the same: what they told apart is the new surface's to know, also at
-    other carriers. With next to no voltage or without contact some usual ones are taken.
+    other carriers. With next to no voltage or without contact some usual ones are taken. Where nothing is learnt
+    nothing is carried: the voltage goes to the new surface's by the drive's rate.
     """
+    if not held[0].learns:
+        return state
     new, old, known, frequency_hz = held[0], before[0], state.estimate, state.frequency_hz
     nodes, load_n, time_s = new.surface.log_normal_force, known.normal_force_n, known.time_s
     peak_v = voltage_v if voltage_v >= WORTH_COMPARING_V else USUAL_SHARE * new.surface.voltage_v[-1]

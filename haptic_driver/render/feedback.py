@@ -20,10 +20,13 @@ delay does not destabilise: with a latency wrong by e the loop's gain is at most
 below 1 (small gain). `timing_s` within which commands differ slows learning down, to a stop where the output ramps.
 
 Nothing is learnt while the finger is off, rests or has just set out, while force is unknown (NaN: stale, saturated) or
-the same as before, while the carrier changes, or while the output comes on and nobody knows what of a command is out
-(its voltage is NaN). A target out of reach cannot wind anything up, since friction is
-compared with what the voltage really commanded should give, not with the target; learning goes on there, or a gain
-believed too small would never be found out.
+the same as before, until a change of the carrier is felt, or while the output comes on and nobody knows what of a
+command is out (its voltage is NaN). A target out of reach cannot wind anything up, since friction is compared with what
+the voltage really commanded should give, not with the target; learning goes on there, or a gain believed too small
+would never be found out.
+
+On another carrier attraction is another: there the rise is taken for as much more or less than usual as friction
+without voltage, and for as unsure as an unknown finger's; the more so, the farther away the carrier.
 """
 
 from __future__ import annotations
@@ -47,6 +50,7 @@ RAMP = 0.5  # of the change that commands make within the timing window: error o
 LEAST_PACE = 0.1  # slower is a standstill: the output ramps
 LONGEST_STEP_S = 0.010  # no reading teaches more than so much time would
 RATE_TIME_CONSTANT_S = 0.5
+CARRIER_MEMORY = 1.0  # factors of e by which the carrier changes until most is forgotten of the rise
 PATIENCE_S = 1.0  # without a reading for so long there is no feedback to be careful for
 SOME_FREQUENCY_HZ = 1e3  # for a look-up at zero voltage, where it does not matter
 NO_COMMANDS = np.full((COMMANDS_KEPT, 3), nan)
@@ -258,6 +262,15 @@ def forgotten(law: FeedbackSettings, known: Estimate, gains: Gains, elapsed_s: f
 
 
 @kernel
+def elsewhere(law: FeedbackSettings, known: Estimate, from_hz: float, to_hz: float) -> Estimate:
+    """The same finger on another carrier."""
+    g = known.gains
+    other = Gains(g.off, g.off, g.off_variance, g.off_variance, g.off_variance + law.deviation**2)
+    share = -np.expm1(-abs(np.log(to_hz / from_hz)) / CARRIER_MEMORY)
+    return with_gains(known, drawn(g, other, share), known.expected_off_n, known.expected_rise_n)
+
+
+@kernel
 def rescaled(known: Estimate, off: float, rise: float, level: float) -> Estimate:
     """The same finger on another surface, whose friction without voltage and whose rise are that many times less.
 
@@ -265,7 +278,12 @@ def rescaled(known: Estimate, off: float, rise: float, level: float) -> Estimate
     """
     g = known.gains
     gains = Gains(level, level, g.off_variance * off * off, g.covariance * off * rise, g.rise_variance * rise * rise)
-    off_n, rise_n = known.expected_off_n / off, known.expected_rise_n / rise
+    return with_gains(known, gains, known.expected_off_n / off, known.expected_rise_n / rise)
+
+
+@kernel
+def with_gains(known: Estimate, gains: Gains, off_n: float, rise_n: float) -> Estimate:
+    """The same with other gains, and other forces by the surface alone."""
     return Estimate(
         gains,
         known.gain,
@@ -322,6 +340,8 @@ def in_force(commands: Array, at_s: float, around_s: float) -> InForce:
     for k in range(commands.shape[0]):
         began_s, command_hz, peak_v = commands[k, 0], commands[k, 1], commands[k, 2]
         if began_s > at_s + around_s:
+            if peak_v > 0.0 and np.isnan(carrier_hz):
+                carrier_hz = command_hz
             continue
         first_ever = np.isnan(began_s)
         if first_ever:

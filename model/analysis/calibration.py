@@ -35,6 +35,7 @@ OPTIONAL = (  # known of a screen or hidden behind the others, so fitted only wh
     GAP_OFFSET,
 )
 KEPT = ("roughness_rms_m", "skin_thickness_m")  # of a finger, over hours
+STATED_DEGREES = 1e6  # of freedom of the noise: as it is stated
 LEAST_ROWS = 8
 STARTS = (0.0, 1.5, -1.5)  # prior units, of all parameters but friction without voltage
 CORRELATED = 0.9
@@ -96,8 +97,9 @@ def calibrate(
     """Fit the finger's parameters, those of `also` (names of `OPTIONAL`) and of effects of `kinds` to its data.
 
     The priors are centred on the model's own values; with `same_finger`, what a finger keeps (`KEPT`) is believed as
-    far as the model says. An effect to fit that the model has on begins anew. Of the data only friction is used.
-    ModelError where they cannot carry a fit.
+    far as the model says, and so are the rows' errors: where age has widened them, their scatter tells no scale. An
+    effect to fit that the model has on begins anew. Of the data only friction is used. ModelError where they cannot
+    carry a fit.
     """
     data = data.subset(data.of(FRICTION))
     free = (*FINGER, *(_optional(name) for name in also))

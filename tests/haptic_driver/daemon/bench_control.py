@@ -165,7 +165,7 @@ class BenchControl:
             self.machine.reset()
         return self.status()
 
-    def use_model(self, name):
+    def use_model(self, name, carrier_hz=None, *, feedback=True):
         with self._lock:
             self._change("use_model", name)
             if self.machine.state is not DaemonState.IDLE:

@@ -51,6 +51,7 @@ def test_a_better_model_is_proposed_with_its_numbers_and_rows_and_is_the_next_on
     assert len(found.rows) == 16
     assert found.rows[0] == [200.0, 60.0, 0.5, 0.03, 0.6, 0.01, 0.0]
     assert found.numbers["cof_off"] == model_description.parameters["cof_off"].value
+    adaptation.taken()
     assert adaptation.add(rows(1, begin_s=15.0 + 0.9 * PERIOD_S)) is None
     assert adaptation.add(rows(8, 8, begin_s=30.0)) == Proposal("not better")
     adaptation.add([])

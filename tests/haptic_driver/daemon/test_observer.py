@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from haptic_driver.daemon.adaptation import Adaptation
 from haptic_driver.daemon.event_log import EventLog
-from haptic_driver.daemon.observation import Observation, ObserverSettings
-from haptic_driver.daemon.observer import Observer
+from haptic_driver.daemon.observation import Observation, ObserverSettings, Word
+from haptic_driver.daemon.observer import Following, Observer
+from haptic_driver.experiments.mending import Mended
 from haptic_driver.experiments.recorded import cut
 from haptic_driver.recording.read import Run
 from haptic_driver.simulation.friction import surface_friction
@@ -72,6 +75,34 @@ def test_pieces_give_the_rows_of_the_whole(expected, law, rng):
     times_s = np.array([each.measured.time_s for each in pieces])
     assert np.all(np.diff(times_s) > 0.0)
     assert times_s[0] > samples["time_s"][0]
+
+
+def test_after_a_swap_that_render_refused_the_observer_goes_by_the_surface_that_renders(
+    expected, law, rng, model_description, limits
+):
+    light, presents = replace(model_description, parameters=dict(model_description.parameters)), []
+    light.parameters["cof_off"] = replace(light.parameters["cof_off"], value=0.9 * light.parameters["cof_off"].value)
+
+    def mend(known, description, held_out, present):
+        presents.append(present)
+        return Mended(light, "better")
+
+    following = Following(expected, Adaptation(model_description, limits, mend))
+    samples = ticks(6 * STROKES, law, rng)
+
+    def proposed():
+        samples["time_s"] += 30.0
+        return following.add(samples)
+
+    following.hear(Word.ADAPT)
+    assert proposed().proposal.surface is not None
+    assert proposed().cells  # what is expected has not changed
+    following.hear(Word.TAKEN)
+    assert not following.add(samples[:0]).cells  # it has
+    proposed()
+    following.hear(Word.BASE)
+    proposed()
+    assert [each is light for each in presents] == [False, False, True, False]
 
 
 def written(shared, samples):

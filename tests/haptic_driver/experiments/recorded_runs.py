@@ -47,6 +47,7 @@ def ticks(
     for name in Part._fields[1:]:
         made[name] = np.repeat([getattr(part, name) for part in parts], counts)
     made["in_contact"] = made["normal_force_n"] > 0.0
+    made["output_on"] = made["voltage_v"] > 0.0
     delay = round(latency_s / TICK_S)
     felt_v, felt_hz = (np.roll(made[name], delay) for name in ("voltage_v", "frequency_hz"))
     felt_v[:delay] = 0.0

@@ -119,6 +119,7 @@ def test_a_long_stroke_gives_a_row_a_second(rng, tmp_path):
         lambda made: made.__setitem__("measured_cof", np.nan),
         lambda made: made.__setitem__("in_contact", 0),
         lambda made: made["flags"].__setitem__(slice(None), int(Flag.SATURATED_SENSOR)),
+        lambda made: made["output_on"].__setitem__(slice(None, None, 300), 0),
         lambda made: made["time_s"].__iadd__(0.02 * (made["tick"] // 60)),
     ],
 )
@@ -129,6 +130,18 @@ def test_what_is_not_steady_or_not_known_is_no_row(rng, tmp_path, spoil):
         write_recorded([record(tmp_path / "run.h5", made)], tmp_path / "rows.csv")
     assert refused.value.code == "nothing_steady"
     assert not (tmp_path / "rows.csv").exists()
+
+
+def test_what_was_felt_around_a_gap_of_the_output_is_left_out(rng, tmp_path):
+    """The voltage was gone for 0.1 s before that was noticed; it is felt 30 ms later."""
+    parts = [Part(2.0, voltage_v=80.0), Part(0.1), Part(1.0, voltage_v=80.0)]
+    made = ticks(parts, lambda f, v, *_: 0.3 + 0.3 * (v > 0.0), rng, wobble=0.01)
+    made["voltage_v"] = 80.0
+    made["output_on"] = (made["tick"] < 2100) | (made["tick"] >= 2120)
+    write_recorded([record(tmp_path / "run.h5", made)], tmp_path / "rows.csv")
+    rows = read(tmp_path / "rows.csv")
+    assert len(rows) >= 3
+    np.testing.assert_allclose(column(rows, "cof"), 1.2, rtol=0.02)
 
 
 def test_a_run_without_samples_gives_no_rows(rng, tmp_path):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from haptic_driver.errors import BadInputError
 from haptic_driver.render import feedback
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
-from haptic_driver.render.feedback import LONGEST_STEP_S, FeedbackSettings, in_force
+from haptic_driver.render.feedback import LONGEST_STEP_S, FeedbackSettings, elsewhere, in_force
 from haptic_driver.render.safety import violation
 from haptic_driver.signals import NO_COMMAND, DriveCommand, FingerState, TargetFriction
 from model.conditions import Conditions
@@ -116,8 +116,22 @@ def test_a_change_of_the_carrier_teaches_nothing(controller, taught):
     state, other = taught, DriveCommand(300.0, 80.0, output_on=True)
     for k in range(500, 560):
         state, _ = controller.step(state, TargetFriction(0.7, True), finger(k, 0.1 + 1e-6 * k), other)
-        if 512 <= k <= 528:  # the change, 20 ms ago, is within 10 ms
+        if k <= 528:  # the change is felt within 20 ms, give or take 10 ms
             assert not state.estimate.learning
+    assert state.estimate.learning
+
+
+def test_what_is_known_of_the_rise_is_forgotten_with_the_carrier(controller, taught):
+    known = taught.estimate._replace(gains=taught.estimate.gains._replace(rise=0.5))
+    near, far = (elsewhere(LAW, known, 200.0, hz).gains for hz in (202.0, 10e3))
+    assert near.rise == pytest.approx(0.5, abs=0.01)
+    assert far.rise == pytest.approx(known.gains.off, rel=0.02)
+    assert far.rise_variance == pytest.approx(LAW.deviation**2, rel=0.1)
+    assert (near.off, near.off_variance) == (far.off, far.off_variance) == (known.gains.off, known.gains.off_variance)
+    there = taught._replace(estimate=known, frequency_hz=10e3)
+    moved = run(controller, [(0.3, {"speed_m_s": 0.0})], there, start=500)
+    assert moved.frequency_hz < 1e3  # where authority is
+    assert moved.estimate.gains.rise == pytest.approx(known.gains.off, rel=0.05)
 
 
 def test_off_the_screen_what_was_known_fades(controller, taught):
@@ -187,9 +201,10 @@ def test_a_step_changes_nothing_it_was_given(controller, taught):
 def test_the_command_in_force_then():
     commands = np.full((8, 3), np.nan)
     commands[:4] = [[4.0, 300.0, 50.0], [3.0, 250.0, 40.0], [2.0, 250.0, 30.0], [1.0, 250.0, 20.0]]
-    assert in_force(commands, 2.5, 0.1) == (250.0, 30.0, 30.0, 30.0, True)
-    assert in_force(commands, 2.5, 0.6) == (250.0, 30.0, 20.0, 40.0, True)
+    assert in_force(commands[1:], 2.5, 0.1) == (250.0, 30.0, 30.0, 30.0, True)
+    assert in_force(commands[1:], 2.5, 0.6) == (250.0, 30.0, 20.0, 40.0, True)
     assert not in_force(commands, 3.5, 0.6).steady  # two carriers
+    assert in_force(commands, 2.5, 0.1) == (250.0, 30.0, 30.0, 30.0, False)  # another is on its way
     assert in_force(commands, 0.5, 0.1)[1:4] == (0.0, 0.0, 0.0)  # before all commands
 
 
