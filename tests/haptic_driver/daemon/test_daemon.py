@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from base64 import b64decode
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
@@ -104,7 +105,7 @@ def test_a_friction_far_out_of_reach_is_refused_with_the_range_and_nothing_comes
 
 
 def test_a_lost_client_takes_the_output_to_zero_and_the_lease_away(daemon, electrode_v):
-    lease = daemon.arm(0.3)
+    lease = daemon.arm(2.0)  # a busy machine may let this test sleep
     daemon.set_target(lease.token, 0.65)
     keep_rendering(daemon, lease.token, lambda: electrode_v() > 10.0)
     until(lambda: daemon.status().state is DaemonState.IDLE)
@@ -112,7 +113,7 @@ def test_a_lost_client_takes_the_output_to_zero_and_the_lease_away(daemon, elect
     assert refusal(daemon.renew, lease.token).code == "not_armed"
     assert "lease_lost" in daemon.status().flags
     assert any(event.kind == "lease" for event in daemon.events(0))
-    daemon.arm(0.3)
+    daemon.arm(2.0)
     assert daemon.status().flags == []
 
 
@@ -205,10 +206,12 @@ def test_a_run_that_is_recorded_keeps_its_model(daemon, tmp_path):
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A disk of 4 MB that is at its end after seconds of recording; `space` is how much of it is free."""
+    """A disk of 16 MB that is at its end after a minute of recording."""
     disk = tmp_path / "disk"
     disk.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", disk], capture_output=True, check=False)
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=16m", "tmpfs", disk], capture_output=True, check=False
+    )
     if mounted.returncode:
         pytest.skip("may not mount a file system here")
     yield disk
@@ -225,7 +228,8 @@ def test_a_full_disk_is_told_rendering_goes_on_and_recording_resumes(daemon, sma
     daemon.set_target(lease.token, 0.6)
     daemon.record(str(path))
     keep_rendering(daemon, lease.token, lambda: read_run(path).samples.size > 500)
-    ballast.write_bytes(b"x" * (shutil.disk_usage(small_disk).free & ~4095))  # not a byte is free now
+    with suppress(OSError):  # the recorder may have taken what was free
+        ballast.write_bytes(b"x" * (shutil.disk_usage(small_disk).free & ~4095))  # not a byte is free now
     keep_rendering(daemon, lease.token, lambda: daemon.status().recording_fault)
     status = daemon.status()
     assert (status.state, status.recording) == (DaemonState.RENDERING, None)
