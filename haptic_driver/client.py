@@ -46,7 +46,7 @@ if TYPE_CHECKING:  # `haptic status` waits neither for numpy nor for WebSockets
     import numpy as np
     from numpy.typing import NDArray
 
-TIMEOUT_S = 10.0  # switching off waits for a slow instrument
+TIMEOUT_S = 30.0  # switching off waits for a slow instrument, a recording for a process on a busy machine
 RENEWALS_PER_LEASE = 4
 
 Schema = TypeVar("Schema", bound=BaseModel)
