@@ -22,6 +22,7 @@ KILLABLE = Path(__file__).with_name("killable.py")
 HANG_S = 240.0
 LEASE_S = 0.5
 SCHEDULING_S = 0.2  # what a loaded machine may add to any reaction
+WATCHED_S = 1.1  # after a signal
 
 
 class KillableDaemon:
@@ -71,7 +72,7 @@ class KillableDaemon:
         """Send a process a signal; how long until zero at the electrode, for good. Infinite without a zero in time."""
         sent_s = time.monotonic()
         os.kill(pid, sent)
-        time.sleep(LEASE_S + 2.0 * SCHEDULING_S)
+        time.sleep(WATCHED_S)
         zero_s = sent_s
         for time_s, voltage_v in history(self.record):
             zero_s = math.inf if voltage_v > 0.0 else min(zero_s, max(time_s, sent_s))

@@ -80,6 +80,19 @@ def test_off_is_off_at_once_and_stays_so_until_asked_again(daemon, electrode_v):
         assert electrode_v() == 0.0
 
 
+def test_an_output_that_is_off_has_no_voltage_whatever_render_said_last(daemon, monkeypatch):
+    """Once the page said "output off" and 71.64 V in one line."""
+    lease = daemon.arm(LEASE_S)
+    daemon.set_target(lease.token, 0.65)
+    last = keep_rendering(daemon, lease.token, lambda: (said := daemon.shared.output.read()).output_on and said)
+    assert last.voltage_v > 0.0
+    daemon.off()
+    with monkeypatch.context() as late:
+        late.setattr(daemon.shared.output, "read", lambda: last)
+        status = daemon.status()
+    assert (status.output_on, status.voltage_v, status.frequency_hz) == (False, 0.0, None)
+
+
 def test_a_friction_far_out_of_reach_is_refused_with_the_range_and_nothing_comes_on(
     daemon, electrode_v, tmp_path, monkeypatch
 ):

@@ -124,7 +124,7 @@ def test_a_texture_is_played_and_disarming_ends_the_lease(page, served):
 
 
 def test_the_page_renews_its_lease_and_leaving_it_disarms(page, served, control):
-    arm_and_set(page, "2")
+    arm_and_set(page, "5")
     until(lambda: page.evaluate("1") and control.calls.count(("renew",)) > 5)  # five per lease
     assert served.ask("/status")["state"] == "rendering"
     page.goto("about:blank")
