@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo demo-diagnosis demo-live test soak mutate lint bench bench-live validate blind docs clean
+.PHONY: demo demo-diagnosis demo-live test soak kills mutate lint bench bench-live validate blind docs clean
 
 .venv/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -34,9 +34,13 @@ lint: .venv/.test
 test: lint
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-# Long tests and many repetitions: fault scripts by the ten thousand, and more.
+# Long tests and many repetitions: fault scripts by the ten thousand, and more; at most 40 minutes.
 soak: .venv/.test
-	$(BIN)/python -m pytest -m soak
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m soak -rP --ignore tests/soak/test_kills.py
+
+# 400 kills and stops of the daemon's processes beside 4 busy loops, with the time to zero: some 80 minutes.
+kills: .venv/.test
+	$(BIN)/python -m pytest -m soak -s tests/soak/test_kills.py
 
 # Small faults, one at a time, in what safety and truth rest on. Lines changed since BASE; ALL=1: a sample of everything.
 BASE ?= HEAD~1

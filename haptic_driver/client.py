@@ -47,6 +47,8 @@ if TYPE_CHECKING:  # `haptic status` waits neither for numpy nor for WebSockets
     from numpy.typing import NDArray
 
 TIMEOUT_S = 10.0  # switching off waits for a slow instrument
+PATIENCE_S = 300.0  # with what may wait for a process to start, on a busy machine
+STARTS = (verbs.PLAY, verbs.USE_MODEL, verbs.RECORD)
 RENEWALS_PER_LEASE = 4
 
 Schema = TypeVar("Schema", bound=BaseModel)
@@ -70,7 +72,7 @@ class HapticClient:
 
     def __init__(self, socket: Path | str | None = None) -> None:
         self.address = Address.of(socket)
-        self._line().close()
+        self._line(TIMEOUT_S).close()
 
     def close(self) -> None:
         """Nothing is left open between requests; what the daemon does is not changed by it."""
@@ -186,7 +188,7 @@ class HapticClient:
         headers = self._credentials | {"Content-Type": "application/json"}
         headers |= {} if token is None else {LEASE_HEADER: token}
         with closing(HTTPConnection(self.address.authority)) as connection:
-            connection.sock = self._line()
+            connection.sock = self._line(PATIENCE_S if verb in STARTS else TIMEOUT_S)
             try:
                 connection.request(verb.method, path, content, headers)
                 response = connection.getresponse()
@@ -217,7 +219,7 @@ class HapticClient:
     def _credentials(self) -> dict[str, str]:
         return {"Authorization": f"Bearer {self.address.token}"} if self.address.token else {}
 
-    def _line(self, timeout_s: float | None = TIMEOUT_S) -> Line:
+    def _line(self, timeout_s: float | None) -> Line:
         try:
             line = self.address.connected(TIMEOUT_S)
         except OSError as error:

@@ -9,7 +9,6 @@ and time, one at a time and with no precedence; control gets what came of it, or
 from __future__ import annotations
 
 import json
-import math
 import pickle
 import resource
 import signal
@@ -37,6 +36,7 @@ from model.support.errors import nearest
 
 MEMORY_BYTES = 256 << 20
 TIME_S = 5.0
+LONGEST_S = 120
 START_TIMEOUT_S = 60.0  # of the process, on a busy machine
 PATIENCE_S = 0.2  # for another request to end: who waits holds a thread of the API
 
@@ -191,7 +191,7 @@ def main() -> int:
                 asked = link.recv()
             except EOFError:
                 return 0
-            signal.alarm(2 * math.ceil(TIME_S))  # control has given up long before, or is gone
+            signal.alarm(LONGEST_S)  # control has given up long before, or is gone
             try:
                 said = _answer(*asked)
             except MemoryError:

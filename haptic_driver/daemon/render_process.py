@@ -47,7 +47,8 @@ WARM_UP_TICKS = 200
 class RenderSettings:
     """How to tick and when to stop trusting.
 
-    `stale_s`: sensors, `silence_s`: control, not heard for so long. `ramp_s`: how long a ramp to zero takes.
+    `stale_s`: sensors, `silence_s`: control, not heard for so long. `usual_s`: so old a position may be, and further by
+    the texture's finest detail at the finger's speed. `ramp_s`: how long a ramp to zero takes.
     `most_missed`: so many instants missed in a row are a fault. `envelope`: an analog output makes the amplitude, and
     is told its course from tick to tick. `surface`: the number that the controller's has among orders.
     """
@@ -56,6 +57,7 @@ class RenderSettings:
     envelope: bool = False
     period_s: float = 0.001
     stale_s: float = 0.1
+    usual_s: float = 0.01
     silence_s: float = 0.25
     ramp_s: float = 0.05
     most_missed: int = 100
@@ -76,6 +78,11 @@ class Nothing(Target):
     def bounds(self) -> tuple[float, float]:
         """NaN, twice."""
         return math.nan, math.nan
+
+    @property
+    def detail_m(self) -> float:
+        """None."""
+        return math.inf
 
 
 class Ramp(NamedTuple):
@@ -125,6 +132,7 @@ class Renderer:
         self._arming = order.arming
         self._target = 0
         self._tick_settings = self._nothing
+        self._detail_m = math.inf
         self._kept = Kept(overruns=self._kept.overruns, missed_in_a_row=self._kept.missed_in_a_row)
 
     def warm_up(self) -> None:
@@ -173,6 +181,7 @@ class Renderer:
         if order.target != self._target:
             self._target = order.target
             target = self._shared.targets.read(order.target) if order.target else Nothing()
+            self._detail_m = target.detail_m
             self._tick_settings = replace(self._nothing, texture=target)
         return order, self._shared.sensed.read(), self._shared.driven.read()
 
@@ -193,7 +202,7 @@ class Renderer:
         state, done = tick(settings, kept.state, _finger_sample(sensed))
         flags, trusted = kept.flags, False
         if order.rendering:
-            doubts = self._doubts(order, sensed, due.due_s)
+            doubts = self._doubts(order, sensed, due.due_s, done.finger)
             trusted = not doubts
             flags |= doubts | self._missed(due, missed_in_a_row) | _noted(done, state)
         wanted_v = done.command.voltage_v if done.command.output_on else 0.0
@@ -225,10 +234,10 @@ class Renderer:
             return 0
         return _OVERRUN | _FAULT if missed_in_a_row >= self._settings.most_missed else _OVERRUN
 
-    def _doubts(self, order: Order, sensed: Sensed, now_s: float) -> int:
+    def _doubts(self, order: Order, sensed: Sensed, now_s: float, finger: FingerState) -> int:
         """Flags for why output may not go on; 0 while it may."""
         doubts = _SATURATED_SENSOR if sensed.saturated else 0
-        if self._is_stale(sensed, now_s):
+        if self._is_stale(sensed, now_s) or self._is_elsewhere(finger, now_s - sensed.finger_time_s):
             doubts |= _STALE_SENSOR
         if now_s > order.lease_until_s:
             doubts |= _LEASE_LOST
@@ -238,6 +247,11 @@ class Renderer:
 
     def _is_stale(self, sensed: Sensed, now_s: float) -> bool:
         return now_s - min(sensed.finger_time_s, sensed.force_time_s) > self._settings.stale_s
+
+    def _is_elsewhere(self, finger: FingerState, age_s: float) -> bool:
+        """Whether the finger may be where the texture asks for quite another friction."""
+        speed_m_s = math.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
+        return speed_m_s * (age_s - self._settings.usual_s) > self._detail_m
 
     def _sample(
         self, due: Due, sensed: Sensed, driven: Driven, done: Tick, output: Output, kept: Kept

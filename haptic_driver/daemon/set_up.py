@@ -18,6 +18,7 @@ from haptic_driver.surface.models import load_model
 from model.description import ModelDescription
 
 PERIOD_S = 0.001
+SCHEDULING_S = 0.01  # by so much a position may be late on a machine that does other things too
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,9 @@ def render_settings(config: RigConfig, surface: SurfaceFile, *, feedback: bool =
         config, surface, Nothing(),
         feedback_latency_s=feedback_latency_s if feedback else None, output_latency_s=latency_s["total"],
     )  # fmt: skip
-    return RenderSettings(stages, envelope=not isinstance(config.analog_output, NoAnalogOutput), period_s=PERIOD_S)
+    envelope = not isinstance(config.analog_output, NoAnalogOutput)
+    usual_s = 2.0 * _sensor_period_s(config) + SCHEDULING_S
+    return RenderSettings(stages, envelope=envelope, period_s=PERIOD_S, usual_s=usual_s)
 
 
 def latency_budget_s(config: RigConfig, period_s: float) -> dict[str, float]:

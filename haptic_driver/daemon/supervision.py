@@ -30,7 +30,7 @@ from hw.errors import DeviceError
 START_TIMEOUT_S = 240.0  # compiling all kernels, on a busy machine
 LOOK_PERIOD_S = 0.2  # between looks at the rig and its watchdog
 SENSOR_RETRY_S = 0.02
-LOST_S = 2.0  # sensors that fail, or an output that nobody knows, for so long: everything is connected anew
+LOST_S = 2.0  # so long: a silent render is started anew; sensors that fail or an unknown output: all connected anew
 RETRY_S, MOST_RETRY_S = 1.0, 30.0  # between attempts at that: twice as long each time, up to the most
 SILENCE_POLL_S = 0.005
 
@@ -110,6 +110,9 @@ class Supervisor:
         for name, child in list(self._children.items()):
             if (ended := child.ended) is not None and not self._ending.is_set():
                 self._lose(name, ended)
+        silent_s = self._clock() - self._shared.output.read().time_s
+        if not self.missing and silent_s > LOST_S:  # stopped, or hanging
+            self._lose(RENDER, f"render has said nothing for {silent_s:.2g} s")
         if now_s - self._looked_s >= LOOK_PERIOD_S:
             self._looked_s = now_s
             if self.instruments is not None and not self.missing:

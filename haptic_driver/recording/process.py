@@ -26,7 +26,7 @@ from haptic_driver.processes.shared_memory import SharedState, Taken
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.writer import INTERVAL_S, RunHeader, RunWriter, record, remove_hidden, where
 
-START_TIMEOUT_S = 20.0
+START_TIMEOUT_S = 60.0  # on a busy machine
 STOP_TIMEOUT_S = 10.0
 MOST_BYTES = 1 << 16  # of one datagram
 

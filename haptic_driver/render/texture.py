@@ -47,6 +47,11 @@ class Target(ABC):
     def bounds(self) -> tuple[float, float]:
         """The lowest and the highest friction ever asked for."""
 
+    @property
+    @abstractmethod
+    def detail_m(self) -> float:
+        """The least distance over which friction may be quite another; inf where it is the same everywhere."""
+
 
 class Texture(Target):
     """A coefficient of friction for every position, or NaN where nothing is asked for."""
@@ -109,6 +114,11 @@ class Uniform(Texture):
         """The one friction, twice."""
         return self.cof, self.cof
 
+    @property
+    def detail_m(self) -> float:
+        """None."""
+        return math.inf
+
     def _cof_at_point(self, x_m: float, y_m: float) -> float:
         return self.cof
 
@@ -139,6 +149,11 @@ class Grating(Texture):
     def bounds(self) -> tuple[float, float]:
         """Mean minus and plus the amplitude."""
         return self.mean_cof - abs(self.amplitude_cof), self.mean_cof + abs(self.amplitude_cof)
+
+    @property
+    def detail_m(self) -> float:
+        """From ridge to groove."""
+        return 0.5 * self.period_m
 
     def _cof_at_point(self, x_m: float, y_m: float) -> float:
         along_m = x_m * math.cos(self.direction_rad) + y_m * math.sin(self.direction_rad)
@@ -180,6 +195,11 @@ class Profile(Texture):
     def bounds(self) -> tuple[float, float]:
         """The lowest and the highest point."""
         return min(self.cof), max(self.cof)
+
+    @property
+    def detail_m(self) -> float:
+        """From point to point."""
+        return float(np.diff(self.position_m).min())
 
     def _cof_at_point(self, x_m: float, y_m: float) -> float:
         position_m = self.position_m
@@ -232,6 +252,11 @@ class FrictionMap(Texture):
         """The lowest and the highest pixel."""
         return float(self.cof.min()), float(self.cof.max())
 
+    @property
+    def detail_m(self) -> float:
+        """A pixel."""
+        return min(self.pitch_x_m, self.pitch_y_m)
+
     def _cof_at_point(self, x_m: float, y_m: float) -> float:
         rows, columns = self.cof.shape
         u, v = x_m / self.pitch_x_m, y_m / self.pitch_y_m
@@ -278,6 +303,11 @@ class Placed(Texture):
     def bounds(self) -> tuple[float, float]:
         """Those of the texture that is placed."""
         return self.texture.bounds()
+
+    @property
+    def detail_m(self) -> float:
+        """That of the texture that is placed."""
+        return self.texture.detail_m
 
     def _cof_at_point(self, x_m: float, y_m: float) -> float:
         x_m, y_m = x_m - self.origin_x_m, y_m - self.origin_y_m
@@ -340,6 +370,11 @@ class Script(Target):
         """The lowest and the highest friction of all steps."""
         lows, highs = zip(*(step.texture.bounds() for step in self.steps), strict=True)
         return min(lows), max(highs)
+
+    @property
+    def detail_m(self) -> float:
+        """The finest of all steps."""
+        return min(step.texture.detail_m for step in self.steps)
 
     def cof_under(self, finger: FingerState) -> float:
         """Friction at the finger's time and position."""

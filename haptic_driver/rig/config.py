@@ -146,7 +146,7 @@ class AnalogInputsConfig(Section):
 
 
 class NoInterlock(Section):
-    """Nothing in the amplifier's enable line: its state stays unknown."""
+    """Nothing in the amplifier's enable line, said plainly: its state stays unknown."""
 
     kind: Literal["none"] = "none"
 
@@ -257,7 +257,7 @@ class RigConfig(Section):
     amplifier: SomeAmplifier
     safety: SafetySettings = SafetySettings()
     analog_inputs: AnalogInputsConfig | None = None
-    interlock: InterlockConfig = NoInterlock()
+    interlock: InterlockConfig | None = None
     watchdog: WatchdogConfig | None = None
     force_sensor: SomeForceSensor | None = None
     electrode_monitors: list[SomeMonitor] = Field(default=[])
@@ -292,6 +292,8 @@ class RigConfig(Section):
         ]
         if self.watchdog is None and not self.simulated:
             missing.append('watchdog.generator (a resource, or "none")')
+        if self.interlock is None and not self.simulated:
+            missing.append('interlock.kind ("none" where there is none)')
         return missing
 
     @property
@@ -401,7 +403,7 @@ def _mixed_with_simulation(rig: RigConfig) -> Iterator[str]:
         if (is_real and rig.simulated) or (is_simulated and not rig.simulated):
             yield f"simulated and {name}.kind disagree about whether this rig is simulated"
     real = {
-        "interlock": rig.interlock.kind != "none",
+        "interlock": rig.interlock is not None and rig.interlock.kind != "none",
         "watchdog": rig.watchdog is not None and rig.watchdog.generator != NO_WATCHDOG,
         "stage": rig.stage is not None,
         "analog_inputs": rig.analog_inputs is not None,

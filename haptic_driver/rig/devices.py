@@ -247,8 +247,9 @@ class _Parts:
         given = self._config.watchdog
         if given is None or given.generator == NO_WATCHDOG:
             return None
-        model = self._config.waveform_generator.model
-        watchdog = Watchdog(WatchdogSettings(**given.model_dump(), model=model))
+        generator = self._config.waveform_generator
+        settings = WatchdogSettings(**given.model_dump(), model=generator.model, visa_backend=generator.visa_backend)
+        watchdog = Watchdog(settings)
         self.before_rig.append(watchdog.start)
         self.closing.insert(0, watchdog.close)
         return watchdog

@@ -324,8 +324,11 @@ def _interlock(config: RigConfig) -> Checks:
         case rig_config.NiInterlock(line=line):
             yield _unverified("interlock", f"{line}: taking an output may set it, so it is left alone")
         case _:
-            said = "there is none: the amplifier's state stays unknown, and off means that the generator says so"
-            yield _unverified("interlock", said, "wire its enable line to an interlock box, where it has one")
+            said = (
+                "there is none: the amplifier's state stays unknown, and off means that the generator says so; "
+                "where the computer stops, or driver and watchdog do, the output stays on"
+            )
+            yield _warning("interlock", said, "wire its enable line to an interlock box, where it has one")
 
 
 # --- sensors and stage -------------------------------------------------------------------------------------------

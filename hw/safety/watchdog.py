@@ -35,6 +35,7 @@ from pathlib import Path
 
 from hw.errors import DeviceDisconnected, DeviceTimeout, SwitchedOff
 from hw.generator.contract import generator_kind
+from hw.transport.contract import Transport
 from hw.transport.resource import make_transport
 from hw.transport.running import Running
 
@@ -61,7 +62,7 @@ class Outcome(enum.IntEnum):
 class WatchdogSettings:
     """What it switches off, and when. Resources as `make_transport` takes them; `interlock` may be absent.
 
-    `model` is the generator's kind, see `hw.generator.contract`.
+    `model` is the generator's kind, see `hw.generator.contract`; `visa_backend` as `make_transport` takes it.
 
     A serial port or USB device cannot be shared with the driver: give the watchdog resources of its own.
 
@@ -71,6 +72,7 @@ class WatchdogSettings:
     generator: str
     interlock: str | None = None
     model: str = "agilent_33220a"
+    visa_backend: str = "@py"
     period_s: float = 0.5
     reply_timeout_s: float = 0.3
     retry_s: float = 0.2
@@ -225,10 +227,10 @@ class _Instrument:
     """
 
     def __init__(
-        self, resource: str, timeout_s: float, ask: bytes, off: Sequence[bytes], answers: re.Pattern[bytes]
+        self, transport: Transport, timeout_s: float, ask: bytes, off: Sequence[bytes], answers: re.Pattern[bytes]
     ) -> None:
-        self.resource = resource
-        self._transport = make_transport(resource)
+        self.resource = transport.resource
+        self._transport = transport
         self._timeout_s = timeout_s
         self._ask = ask
         self._off = off
@@ -266,10 +268,11 @@ class _Instrument:
 def _instruments(settings: WatchdogSettings) -> list[_Instrument]:
     kind, timeout_s = generator_kind(settings.model), settings.reply_timeout_s
     off = (kind.switch_off, kind.ask_off)
-    found = [_Instrument(settings.generator, timeout_s, kind.ask_off, off, kind.off_answers)]
+    transport = make_transport(settings.generator, visa_backend=settings.visa_backend)
+    found = [_Instrument(transport, timeout_s, kind.ask_off, off, kind.off_answers)]
     if settings.interlock is not None:
         said = re.compile(rb"(?P<off>OFF) [A-Z]+ \d+|ON OK \d+")
-        found.append(_Instrument(settings.interlock, timeout_s, b"STATUS?\n", [b"DISABLE\n"], said))
+        found.append(_Instrument(make_transport(settings.interlock), timeout_s, b"STATUS?\n", [b"DISABLE\n"], said))
     return found
 
 
@@ -362,6 +365,7 @@ def _parse(arguments: Sequence[str] | None) -> WatchdogSettings:
     )
     parser.add_argument("--generator", required=True, help="its resource, e.g. TCPIP::host::5025::SOCKET")
     parser.add_argument("--model", default=WatchdogSettings.model, help="the generator's kind")
+    parser.add_argument("--visa-backend", default=WatchdogSettings.visa_backend, help="what pyvisa calls its library")
     parser.add_argument("--interlock", help="resource of a heartbeat interlock box")
     for name in ("period", "reply-timeout", "retry", "give-up"):
         default = getattr(WatchdogSettings, f"{name.replace('-', '_')}_s")
@@ -369,7 +373,7 @@ def _parse(arguments: Sequence[str] | None) -> WatchdogSettings:
     given = parser.parse_args(arguments)
     try:
         settings = WatchdogSettings(
-            given.generator, given.interlock, given.model,
+            given.generator, given.interlock, given.model, given.visa_backend,
             given.period, given.reply_timeout, given.retry, given.give_up,
         )  # fmt: skip
         generator_kind(settings.model)

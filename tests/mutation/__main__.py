@@ -20,6 +20,7 @@ from cosmic_ray.work_db import WorkDB, use_db
 from cosmic_ray.work_item import TestOutcome, WorkerOutcome, WorkItem, WorkResult
 
 ROOT = Path(__file__).resolve().parents[2]
+RIG = [f"tests/haptic_driver/rig/test_{name}.py" for name in ("rig", "actuator", "rig_faults")]
 COPIES = 2
 TIMEOUT_S = 180.0  # a fault that hangs is noticed, too
 SAMPLE = 16  # faults of each module, with --all
@@ -30,16 +31,15 @@ TESTS = {
     "haptic_driver/limits.py": ["tests/haptic_driver/test_limits.py", "tests/haptic_driver/render/test_safety.py"],
     "haptic_driver/render/controller.py": ["tests/haptic_driver/render/test_controller.py"],
     "haptic_driver/render/feedback.py": ["tests/haptic_driver/render/test_feedback.py"],
-    "haptic_driver/rig/states.py": ["tests/haptic_driver/rig"],
-    "haptic_driver/rig/rig.py": ["tests/haptic_driver/rig"],
-    "haptic_driver/rig/evidence.py": ["tests/haptic_driver/rig"],
-    "haptic_driver/rig/monitor.py": ["tests/haptic_driver/rig"],
+    "haptic_driver/rig/states.py": RIG,
+    "haptic_driver/rig/rig.py": RIG,
+    "haptic_driver/rig/evidence.py": RIG,
+    "haptic_driver/rig/monitor.py": RIG,
     "hw/generator/gate.py": ["tests/hw/generator"],
     "hw/generator/driver.py": ["tests/hw/generator"],
     "hw/safety/watchdog.py": ["tests/hw/safety/test_watchdog.py"],
-    "haptic_driver/daemon/state_machine.py": [
-        "tests/haptic_driver/daemon/test_state_machine.py", "tests/haptic_driver/daemon/test_daemon.py"
-    ],
+    "haptic_driver/rig/switch.py": RIG,
+    "haptic_driver/daemon/state_machine.py": ["tests/haptic_driver/daemon/test_state_machine.py"],
     "model/solver.py": ["tests/model/test_solver.py", "tests/model/test_limits.py"],
     "model/electric/current.py": ["tests/model/electric"],
     "model/friction.py": ["tests/model/test_friction.py"],

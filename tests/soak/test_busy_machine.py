@@ -23,7 +23,6 @@ from tests.waiting import HANG_S
 
 BUSY_S = float(os.environ.get("HAPTIC_SOAK_BUSY_S", "600"))
 LOAD = int(os.environ.get("HAPTIC_SOAK_LOAD", "16"))
-BUSY = "import os; os.setpriority(os.PRIO_PROCESS, 0, 0)\nwhile os.getppid() == {parent}: sum(range(100000))"
 LEASE_S = 5.0
 
 
@@ -40,27 +39,12 @@ def socket(tmp_path):
         process.wait(HANG_S)
 
 
-@pytest.fixture
-def busy():
-    """Begins the load, and ends it."""
-    processes = []
-
-    def begin():
-        command = [sys.executable, "-c", BUSY.format(parent=os.getpid())]
-        processes.extend(subprocess.Popen(command, start_new_session=True) for _ in range(LOAD))
-
-    yield begin
-    for process in processes:
-        process.kill()
-        process.wait()
-
-
 @pytest.mark.soak
 @pytest.mark.timeout(BUSY_S + 600)
 def test_rendering_on_a_busy_machine_is_no_fault(socket, busy):
     with HapticClient(socket) as client, client.armed(LEASE_S) as session:
         session.play("grating")
-        busy()
+        busy(LOAD)
         first = newest = client.status().ticks
         counts, in_time, seen = np.zeros(len(EDGES_S), int), 0, 0
         until_s = time.monotonic() + BUSY_S

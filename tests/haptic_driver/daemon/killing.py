@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import queue
 import signal
@@ -21,6 +22,7 @@ KILLABLE = Path(__file__).with_name("killable.py")
 HANG_S = 240.0
 LEASE_S = 0.5
 SCHEDULING_S = 0.2  # what a loaded machine may add to any reaction
+WATCHED_S = 1.1  # after a signal
 
 
 class KillableDaemon:
@@ -66,12 +68,16 @@ class KillableDaemon:
                 return self.report["pids"]
             assert time.monotonic() < until_s, f"no output: {self.report}"
 
-    def kill(self, pid):
-        """Kill a process; (time_s since then, voltage_v) of every change at the electrode within a lease of it."""
-        killed_s = time.monotonic()
-        os.kill(pid, signal.SIGKILL)
-        time.sleep(LEASE_S + SCHEDULING_S)
-        return [(t - killed_s, v) for t, v in history(self.record, killed_s)]
+    def time_to_zero_s(self, pid, sent=signal.SIGKILL):
+        """Send a process a signal; how long until zero at the electrode, for good. Infinite without a zero in time."""
+        sent_s = time.monotonic()
+        os.kill(pid, sent)
+        time.sleep(WATCHED_S)
+        zero_s = sent_s
+        for time_s, voltage_v in history(self.record):
+            zero_s = math.inf if voltage_v > 0.0 else min(zero_s, max(time_s, sent_s))
+        os.truncate(self.record, 0)  # or reading it takes longer and longer
+        return zero_s - sent_s
 
     def close(self):
         with suppress(BrokenPipeError):

@@ -8,7 +8,7 @@ import time
 
 from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.errors import HapticError
-from tests.haptic_driver.daemon.waiting import keep_rendering
+from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering
 from tests.waiting import until
 
 RIG = "simulated-envelope"
@@ -16,7 +16,7 @@ RIG = "simulated-envelope"
 
 def test_the_electrode_follows_every_tick_and_not_only_every_set_point(daemon, history):
     assert daemon.status().actuator == "analog envelope"
-    lease = daemon.arm(5.0)
+    lease = daemon.arm(LEASE_S)
     status = daemon.play(lease.token, "grating")
     assert status.state is DaemonState.RENDERING
     interval_s = daemon.basis.settings.config.output.setpoint_interval_s
@@ -39,7 +39,7 @@ def test_the_electrode_follows_every_tick_and_not_only_every_set_point(daemon, h
 
 
 def test_it_renders_the_voltage_that_render_asks_for(daemon, history):
-    lease = daemon.arm(5.0)
+    lease = daemon.arm(LEASE_S)
     daemon.set_target(lease.token, 0.66)
 
     def agrees():
@@ -53,7 +53,7 @@ def test_it_renders_the_voltage_that_render_asks_for(daemon, history):
 
 
 def test_a_lost_client_takes_the_envelope_to_zero(daemon, history):
-    lease = daemon.arm(0.3)
+    lease = daemon.arm(2.0)
     daemon.set_target(lease.token, 0.66)
     keep_rendering(daemon, lease.token, lambda: [v for _, v in history(time.monotonic() - 0.1) if v > 10.0])
     until(lambda: daemon.status().state is DaemonState.IDLE)
@@ -61,7 +61,7 @@ def test_a_lost_client_takes_the_envelope_to_zero(daemon, history):
 
 
 def test_instruments_that_die_are_a_fault_and_come_back_with_their_envelope(daemon, history):
-    lease = daemon.arm(5.0)
+    lease = daemon.arm(LEASE_S)
     daemon.set_target(lease.token, 0.66)
     keep_rendering(daemon, lease.token, lambda: [v for _, v in history(time.monotonic() - 0.1) if v > 10.0])
     os.kill(daemon.pids["instruments"], signal.SIGKILL)
@@ -76,13 +76,13 @@ def test_instruments_that_die_are_a_fault_and_come_back_with_their_envelope(daem
 
     until(reset)
     began_s = time.monotonic()
-    lease = daemon.arm(5.0)
+    lease = daemon.arm(LEASE_S)
     daemon.set_target(lease.token, 0.66)
     keep_rendering(daemon, lease.token, lambda: [v for _, v in history(began_s) if v > 10.0])
 
 
 def test_an_envelope_that_runs_dry_is_counted_flagged_and_told(daemon):
-    lease = daemon.arm(5.0)
+    lease = daemon.arm(LEASE_S)
     daemon.set_target(lease.token, 0.66)
     keep_rendering(daemon, lease.token, lambda: daemon.supervisor.instruments.devices.analog_output.buffered_s > 0.0)
     before, last = daemon.status().underruns, daemon.events(0)[-1].number

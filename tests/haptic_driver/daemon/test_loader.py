@@ -14,7 +14,7 @@ from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import Uniform
 from haptic_driver.textures.tile import Grid
-from tests.waiting import until
+from tests.waiting import HANG_S, until
 
 REACHABLE_COF = (0.5, 1.0)
 MAP = 'kind = "map"\nfile = "{}"\npitch_mm = 1.0\ncof_black = 0.5\ncof_white = 0.7\n'
@@ -137,6 +137,12 @@ DESCRIPTIONS = {
 }
 
 
+@pytest.fixture
+def patient(monkeypatch):
+    """Who gives way to everybody may not come to its end within the usual time on a busy machine."""
+    monkeypatch.setattr("haptic_driver.daemon.loader.TIME_S", HANG_S)
+
+
 def refused(loader, path, usual_bytes):
     """The refusal of a texture, and how much larger than usual the process became."""
     pid = loader.pids["loader"]
@@ -146,6 +152,7 @@ def refused(loader, path, usual_bytes):
     return error.value, peak_bytes(loader) - usual_bytes
 
 
+@pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_that_is_a_bomb_is_refused_in_little_memory(loader, usual_bytes, tmp_path, name):
     described, file, content = FILES[name]
@@ -157,6 +164,7 @@ def test_a_file_that_is_a_bomb_is_refused_in_little_memory(loader, usual_bytes, 
     assert grown_bytes < MOST_BYTES
 
 
+@pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("name", DESCRIPTIONS)
 def test_a_description_that_is_a_bomb_is_refused_in_little_memory(loader, usual_bytes, tmp_path, name):
     (tmp_path / "texture.toml").write_text(DESCRIPTIONS[name])

@@ -20,7 +20,7 @@ from haptic_driver.processes.child import Child
 from haptic_driver.processes.real_time import Due
 from haptic_driver.processes.samples import Flag
 from haptic_driver.processes.shared_memory import NO_ORDER, Order, Sensed, SharedState
-from haptic_driver.render.texture import Uniform
+from haptic_driver.render.texture import Grating, Uniform
 from haptic_driver.rig.config import load_rig
 
 PERIOD_S = 0.001
@@ -53,9 +53,9 @@ class Bench:
     def command(self, **changed):
         self.order = self.order._replace(number=self.order.number + 1, **changed)
 
-    def render(self, cof=0.65, lease_s=60.0):
+    def render(self, cof=0.65, lease_s=60.0, texture=None):
         number = self.order.target + 1
-        self.shared.targets.write(number, Uniform(cof))
+        self.shared.targets.write(number, texture or Uniform(cof))
         self.command(arming=1, rendering=True, lease_until_s=self.now_s + lease_s, target=number)
 
     def run(self, seconds, missed=0):
@@ -205,6 +205,20 @@ def test_the_output_ramps_to_zero_when_it_may_not_be_trusted(bench, render_setti
     outputs = bench.run(0.1)
     assert_ramps_to_zero([output.voltage_v for output in outputs], before_v, render_settings.ramp_s)
     assert bench.flags() == flag
+
+
+def test_a_finger_that_may_be_beyond_the_textures_finest_detail_has_no_output(bench, render_settings):
+    """At 50 mm/s it goes from ridge to groove in 20 ms: so much longer than usual its place may be unknown."""
+    bench.render(texture=Grating(0.65, 0.01, period_m=2e-3))
+    bench.run(0.2)
+    bench.sensing = False
+    outputs = bench.run(render_settings.usual_s + 0.020 - PERIOD_S)
+    assert all(output.output_on for output in outputs)
+    assert bench.flags() == Flag(0)
+    outputs = bench.run(render_settings.ramp_s + 0.005)
+    assert (outputs[-1].output_on, bench.flags()) == (False, Flag.STALE_SENSOR)
+    bench.sensing = True
+    assert bench.run(0.1)[-1].output_on, "nothing trips"
 
 
 def test_flags_stay_up_until_the_next_arming(bench):

@@ -6,6 +6,8 @@ import pytest
 
 from tests.waiting import until
 
+LEASE_S = 60.0  # one that a busy machine does not lose
+
 
 def until_ready(process):
     """Read a daemon's standard error until it serves; when it ends instead, fail with what it said."""

@@ -230,6 +230,15 @@ def test_interpolation_is_exact_on_a_plane(*, slope_x, slope_y, rows, columns, s
     assert picture.cof_at(float(x_m), float(y_m)) == pytest.approx(2.0 + slope_x * x_m + slope_y * y_m, abs=1e-11)
 
 
+def test_the_finest_detail_is_that_of_the_finest_part():
+    grating, picture = Grating(0.6, 0.1, period_m=4e-3), FrictionMap(np.ones((2, 3)), 2e-3, 1e-3)
+    profile = Profile([0.0, 3e-3, 3.5e-3], [0.6, 0.7, 0.6])
+    assert [texture.detail_m for texture in (Uniform(0.6), grating, picture, profile)] == pytest.approx(
+        [math.inf, 2e-3, 1e-3, 0.5e-3]
+    )
+    assert Script((Step(0.0, grating), Step(1.0, Placed(picture)))).detail_m == 1e-3
+
+
 def test_map_keeps_a_copy_that_nobody_can_change():
     values = np.full((2, 2), 0.6)
     picture = FrictionMap(values, 1e-3, 1e-3)

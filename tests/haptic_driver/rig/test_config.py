@@ -60,11 +60,15 @@ def test_half_a_voucher_is_none(tmp_path, half):
     assert len(load_rig(rig_file(tmp_path, content=content)).unverified) == 4
 
 
-def test_no_word_about_a_watchdog_keeps_a_rig_off(tmp_path):
-    section = TEMPLATE[TEMPLATE.index("[watchdog]") : TEMPLATE.index("[force_sensor]")]
-    assert any("watchdog" in what for what in load_rig(rig_file(tmp_path, (section, ""))).unverified)
-    plainly = rig_file(tmp_path, (section, '[watchdog]\ngenerator = "none"\n'))
-    assert not any("watchdog" in what for what in load_rig(plainly).unverified)
+@pytest.mark.parametrize(
+    ("name", "following", "plainly"),
+    [("watchdog", "[force_sensor]", 'generator = "none"'), ("interlock", "[watchdog]", 'kind = "none"')],
+)
+def test_no_word_about_a_watchdog_or_an_interlock_keeps_a_rig_off(tmp_path, name, following, plainly):
+    section = TEMPLATE[TEMPLATE.index(f"[{name}]") : TEMPLATE.index(following)]
+    assert any(name in what for what in load_rig(rig_file(tmp_path, (section, ""))).unverified)
+    said = rig_file(tmp_path, (section, f"[{name}]\n{plainly}\n"))
+    assert not any(name in what for what in load_rig(said).unverified)
 
 
 RESOURCE = 'resource = "TCPIP::192.168.0.5::5025::SOCKET"'

@@ -77,6 +77,13 @@ def test_a_sound_rig(rig_config, served):
     assert "2.02-2.02-22-2" in found(checks, "firmware").message
 
 
+def test_what_stays_on_without_an_interlock_is_told(rig_config, served):
+    without = as_real(rig_config, served.endpoints).model_copy(update={"interlock": rig_config_module.NoInterlock()})
+    check = found(examine(without, TODAY), "interlock")
+    assert check.status is Status.WARNING
+    assert "where the computer stops, or driver and watchdog do, the output stays on" in check.message
+
+
 def test_what_somebody_left_on_is_told(rig_config, served):
     served.generator.handle(b"OUTP:LOAD INF;:OUTP 1\n")
     checks = examine(as_real(rig_config, served.endpoints), TODAY)

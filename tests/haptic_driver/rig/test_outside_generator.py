@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.haptic_driver.daemon.waiting import until_ready
 from tests.waiting import HANG_S, until
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -129,11 +130,10 @@ def test_the_watchdog_switches_it_off_when_its_driver_dies(served, environment):
 def test_the_daemon_drives_it(haptic, environment, rig, tmp_path):
     address = tmp_path / "d.sock"
     command = [str(HAPTIC), "daemon", "run", "--rig", str(rig), "--socket", str(address)]
-    arm = [str(HAPTIC), "arm", "--socket", str(address)]
-    with subprocess.Popen(command, env=environment) as daemon:
+    arm = [str(HAPTIC), "arm", "--lease", "30", "--socket", str(address)]
+    with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as daemon:
         try:
-            until(lambda: address.exists() or daemon.poll() is not None)
-            assert daemon.poll() is None
+            until_ready(daemon)
             with subprocess.Popen(arm, env=environment, stdout=subprocess.DEVNULL) as armed:
 
                 def status():

@@ -322,6 +322,8 @@ def test_whatever_a_link_raises_the_other_instrument_is_switched_off(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Broken:
+        resource = "broken"
+
         def open(self) -> None:
             raise RuntimeError("nobody thought of this")
 
@@ -329,7 +331,9 @@ def test_whatever_a_link_raises_the_other_instrument_is_switched_off(
             pass
 
     made = hw.safety.watchdog.make_transport
-    monkeypatch.setattr(hw.safety.watchdog, "make_transport", lambda name: Broken() if name == "broken" else made(name))
+    monkeypatch.setattr(
+        hw.safety.watchdog, "make_transport", lambda name, **said: Broken() if name == "broken" else made(name, **said)
+    )
     settings = WatchdogSettings("broken", bench.server.resource, give_up_s=0.3, retry_s=0.1)
     broken, other = hw.safety.watchdog._instruments(settings)
     other._off, other._answers = broken._off, broken._answers  # a second generator in the interlock's place
@@ -384,6 +388,17 @@ def test_a_generator_that_is_not_there_is_refused_at_the_start() -> None:
 def test_senseless_times_are_refused(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=name):
         WatchdogSettings("TCPIP::127.0.0.1::5025::SOCKET", **{name: value})  # type: ignore[arg-type]
+
+
+def test_its_process_is_told_every_setting() -> None:
+    settings = WatchdogSettings("/dev/ttyS0", "/dev/ttyS1", "siglent_sdg", "@sim", 0.6, 0.4, 0.3, 50.0)
+    assert hw.safety.watchdog._parse(settings.arguments()) == settings
+
+
+def test_it_reaches_the_generator_through_the_library_it_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    (generator,) = hw.safety.watchdog._instruments(WatchdogSettings("GPIB0::10::INSTR", visa_backend="@nosuch"))
+    assert generator.ask() is None
+    assert "no VISA library for '@nosuch'" in caplog.text
 
 
 def test_a_wrong_command_line_ends_with_status_2_and_says_why() -> None:

@@ -132,15 +132,16 @@ def text(page, selector, words):
     expect(page.locator(selector)).to_have_text(words, timeout=HANG_MS)
 
 
-def arm(page):
-    """Wait until the page has armed."""
+def arm(page, lease_s="10"):
+    """Wait until the page has armed, with a lease that a busy machine does not lose."""
+    page.select_option("#lease_s", lease_s)
     page.click("#arm")
     text(page, "#state", "ARMED")
 
 
-def arm_and_set(page):
+def arm_and_set(page, lease_s="10"):
     """Wait until a friction is rendered that the page has asked for."""
-    arm(page)
+    arm(page, lease_s)
     page.fill("#cof", "0.65")
     page.click("#set button")
     text(page, "#state", "RENDERING")

@@ -1,0 +1,75 @@
+"""400 kills and stops at random on a busy machine: zero at the electrode each time, and the daemon comes back.
+
+`HAPTIC_SOAK_KILLS`: kills, and as many stops, of each of the four processes (50). `HAPTIC_SOAK_LOAD`: busy processes
+beside (4). `HAPTIC_SOAK_RIG`: the name of a simulated rig (simulated), simulated-envelope for an analog envelope.
+`HAPTIC_SOAK_SEED`: of the order (1). How long each took to zero is printed as a histogram.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import time
+from signal import SIGKILL, SIGSTOP
+
+import numpy as np
+import pytest
+
+from tests.haptic_driver.daemon.killing import LEASE_S, SCHEDULING_S
+from tests.waiting import exists, until
+
+KILLS = int(os.environ.get("HAPTIC_SOAK_KILLS", "50"))
+LOAD = int(os.environ.get("HAPTIC_SOAK_LOAD", "4"))
+RIG = os.environ.get("HAPTIC_SOAK_RIG", "simulated")
+SEED = int(os.environ.get("HAPTIC_SOAK_SEED", "1"))
+PROCESSES = ("render", "watchdog", "instruments", "control")
+# Who has the watchdog's period to be heard, as long as a lease, goes beyond it by a dialogue; others: within a lease. A
+# stopped watchdog is noticed by the next beat after its period, while the driver lives and wants the output.
+LIMIT_S = {("control", SIGSTOP): LEASE_S + SCHEDULING_S, ("watchdog", SIGSTOP): 1.0}
+LONGEST_WAIT_S = 1.0  # before each, at random
+EDGES_S = (0.0, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(KILLS * 8 * 60 + 600)
+def test_every_kill_and_stop_leaves_zero_within_the_lease(killable_daemon, busy):
+    order = [(name, sent) for name in PROCESSES for sent in (SIGKILL, SIGSTOP) for _ in range(KILLS)]
+    chance = random.Random(SEED)
+    chance.shuffle(order)
+    took_s = {kind: [] for kind in order}
+    busy(LOAD)
+    daemon = killable_daemon(RIG)
+    try:
+        for number, (name, sent) in enumerate(order):
+            pids = daemon.await_output()
+            time.sleep(chance.uniform(0.0, LONGEST_WAIT_S))
+            took_s[name, sent].append(daemon.time_to_zero_s(pids[name], sent))
+            print(f"{number}: {sent.name} {name}: {took_s[name, sent][-1]:.3f} s", flush=True)
+            if sent == SIGSTOP and name == "control":
+                os.kill(pids[name], signal.SIGCONT)  # nobody else would; it goes on by itself
+            elif name == "control":
+                others = [pid for pid in pids.values() if pid != pids["control"]]
+                until(lambda others=others: not any(map(exists, others)), lambda: "processes outlive control")
+                daemon.close()
+                daemon = killable_daemon(RIG)
+            else:
+                assert daemon.await_fault()
+                daemon.go_on()
+    finally:
+        print(_histogram(took_s), flush=True)
+    late = {(name, sent.name): [s for s in found if s > LIMIT_S.get((name, sent), LEASE_S)]
+            for (name, sent), found in took_s.items() if name != "instruments"}  # fmt: skip
+    assert not any(late.values()), late
+
+
+def _histogram(took_s):
+    """A line per kind, counts from each edge on; instruments that are gone are no amplifier any more."""
+    lines = [" " * 20 + "".join(f"{1e3 * edge:6.0f}" for edge in EDGES_S) + "  gone  longest, ms"]
+    for (name, sent), found in sorted(took_s.items()):
+        known = np.array([s for s in found if np.isfinite(s)])
+        counts = np.histogram(known, [*EDGES_S, np.inf])[0]
+        longest = f"{1e3 * known.max():9.0f}" if known.size else ""
+        lines.append(f"{sent.name:8}{name:12}" + "".join(f"{count:6}" for count in counts)
+                     + f"{len(found) - known.size:6}{longest}")  # fmt: skip
+    return "\n".join(lines)
