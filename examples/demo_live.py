@@ -202,6 +202,7 @@ def _page(url: str, path: Path) -> None:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         view = browser.new_page(viewport={"width": 1700, "height": 1150})
         view.goto(url)
+        view.wait_for_function("document.getElementById('state').textContent !== 'UNKNOWN'")
         view.wait_for_timeout(3000)
         view.screenshot(path=path)
         browser.close()
