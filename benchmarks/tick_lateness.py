@@ -211,7 +211,7 @@ def _mending() -> Claim:
     shares = {on: " and ".join(f"{100.0 * share:.2g} %" for share in late[on]) for on in late}
     return Claim(
         "ticks late by 1/5 of a period while a model is mended, in turns", f"{shares[True]}; {mended} mended",
-        f"no more than the worst without: {shares[False]}", np.mean(late[True]) <= max(late[False]),
+        f"no more than the worst without: {shares[False]}", bool(np.mean(late[True]) <= max(late[False])),
     )  # fmt: skip
 
 
