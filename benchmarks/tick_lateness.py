@@ -30,6 +30,7 @@ from haptic_driver.processes.real_time import SWITCH_INTERVAL_S
 UNLOADED_S, LOADED_S, BESIDE_S = 10.0, 45.0, 20.0
 MARGIN_S = 5.0  # by which the load outlasts what is measured
 ROUNDS = 100
+TURNS, TURN_S = (False, True, False, True), 12.0  # of mending
 TAKES, TAKES_RARELY, LATE = 1 / 10, 1 / 4, 1 / 5  # of a period: in the median, at 99 %; and how late, at 99.9 %
 WANTED_RATIO, WANTED_S = 1.2, 5e-3
 EMPTY = """
@@ -63,6 +64,7 @@ def run() -> Iterator[Claim]:
                 yield from _set_to_output(daemon, lease.token, record)
                 daemon.off()
             yield _set_to_envelope()
+            yield _mending()
         finally:
             sys.setswitchinterval(switch_interval_s)
 
@@ -192,6 +194,25 @@ def _set_to_envelope() -> Claim:
     return _claim(
         f"set to changed electrode, by an analog envelope written {1e3 * lead_s:.0f} ms ahead", acted, WANTED_S
     )
+
+
+def _mending() -> Claim:
+    """Ticks that are late while the model of a finger that is not the model's is mended, and without, in turns."""
+    late: dict[bool, list[float]] = {on: [] for on in TURNS}
+    with Daemon(daemon_settings("hidden_humidity", "reference")) as daemon:
+        lease = daemon.arm(60.0)
+        daemon.set_target(lease.token, 0.65)
+        for on in TURNS:
+            daemon.adapt(on)
+            lateness_s = _watched(daemon, lease.token, TURN_S)["lateness_s"]
+            late[on].append(float(np.mean(lateness_s > LATE * PERIOD_S)))
+        mended = sum(event.message.startswith("mended") for event in daemon.events(0))
+        daemon.off()
+    shares = {on: " and ".join(f"{100.0 * share:.2g} %" for share in late[on]) for on in late}
+    return Claim(
+        "ticks late by 1/5 of a period while a model is mended, in turns", f"{shares[True]}; {mended} mended",
+        f"no more than the worst without: {shares[False]}", bool(np.mean(late[True]) <= max(late[False])),
+    )  # fmt: skip
 
 
 def _claim(what: str, times_s: list[float], wanted_s: float) -> Claim:

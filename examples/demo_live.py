@@ -1,11 +1,15 @@
 """Live: linen under a finger that becomes moist, on a daemon in real time; the model is mended while it renders.
 
 `python examples/demo_live.py --out DIR` draws friction before, meanwhile and after, and the page as a user sees it.
+Feedback is off, so that friction shows what the model is worth. To name what has changed takes several carriers: the
+same linen is slid over at two more, where the simulated rig's limit of contact current would leave no force; here it is
+lifted.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import shutil
 import tempfile
 import time
@@ -18,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.config import texture_dirs
+from haptic_driver.config import find_config, texture_dirs
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import DaemonState, RefusedError, Why
 from haptic_driver.daemon.place import Place
@@ -37,17 +41,20 @@ from haptic_driver.textures.library import load_texture
 from model.touch_model import TouchModel
 
 RIG, MODEL, TEXTURE = "simulated-envelope", "reference", "linen"
-DRY_S, MOISTENING_S, WETNESS = 26.0, 6.0, 1.5  # of the finger's life, and of the effect skin_hydration
+CARRIERS_HZ = (200.0, 2e3, 10e3)
+LIFTED = "contact_current_a_rms = [[1.0, 1.0], [1e6, 1.0]]  # A rms, lifted for what is shown"
+DRY_S, MOISTENING_S, WETNESS = 20.0, 4.0, 1.2  # of the finger's life, and of the effect skin_hydration
 STEPS = 5  # of wetness, between which friction is taken as even
 LEASE_S = 20.0
 PIECE = 100  # ticks, some threads long: a busy machine is late, and that is not what is shown here
-OFF_S, MENDED_S, MOST_S = 12.0, 14.0, 120.0  # of what is shown; and to wait for anything
+SHOWN_S, MOST_S = 10.0, 120.0  # of what is shown; and to wait for anything
 
 
 @cache
 def stages() -> list[FrictionLaw]:
     """The finger from dry to moist."""
-    limits, model = load_rig(RIG).operating_limits(), TouchModel(load_model(MODEL))
+    limits = replace(load_rig(RIG).operating_limits(), contact_current_a_rms=((1.0, 1.0), (1e6, 1.0)))
+    model = TouchModel(load_model(MODEL))
     wet = [with_hidden(model, {"skin_hydration": {"wetness": w}}) for w in np.linspace(0.0, WETNESS, STEPS)]
     return [surface_friction(build_surface(each.description, limits), limits) for each in wet]
 
@@ -116,10 +123,13 @@ def demonstrate(out: Path) -> None:
     """All of it; prints what it sees."""
     out.mkdir(parents=True, exist_ok=True)
     take_precedence()
-    with compilation_said("demo"):
-        settings = daemon_settings(RIG, MODEL)
-    settings = replace(settings, finger=f"{Path(__file__).resolve()}:finger")
     with tempfile.TemporaryDirectory() as folder:
+        rig = Path(folder, "demo.toml")
+        rig.write_text(re.sub("contact_current_a_rms.*", LIFTED, find_config(RIG, "rigs").read_text()))
+        with compilation_said("demo"):
+            settings = daemon_settings(str(rig), MODEL)
+        settings = replace(settings, finger=f"{Path(__file__).resolve()}:finger", feedback=False)
+        settings = replace(settings, carrier_hz=CARRIERS_HZ[0]).with_surface(settings.surface, 0)
         place = Place(Path(folder, "daemon.sock"))
         try:
             with Daemon(settings) as daemon, serve(daemon, place, 0, page=PAGE_FOLDER) as page:
@@ -134,19 +144,22 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
     def told(kind: str, beginning: str = "") -> bool:
         return any(event.kind == kind and event.message.startswith(beginning) for event in daemon.events(0))
 
-    dry = watching.for_s(OFF_S, "a dry finger")
+    dry = watching.for_s(SHOWN_S, "a dry finger")
     watching.until(lambda: told("agreement"), "it becomes moist")
     print(f"  {daemon.status().disagreement}")
     watching.for_s(MOISTENING_S, "until it is moist")
-    moist = watching.for_s(OFF_S, "as the model is")
-    daemon.ask_why(OFF_S / 60.0)
-    _page(page, out / "page-before.png")
+    moist = watching.for_s(SHOWN_S, "as the model is")
+    _page(page, out / "page.png")
     daemon.adapt(True)
     watching.until(lambda: told("adapt", "mended"), "mending")
     print(f"  {next(event.message for event in daemon.events(0) if event.message.startswith('mended'))}")
-    mended = watching.for_s(MENDED_S, "as it is mended")
-    _page(page, out / "page.png")
+    mended = watching.for_s(SHOWN_S, "as it is mended")
+    for carrier_hz in CARRIERS_HZ[1:]:
+        daemon.disarm()
+        daemon.use_model(MODEL, carrier_hz, feedback=False)
+        watching.for_s(SHOWN_S, f"the same at {carrier_hz:g} Hz")
     daemon.disarm()
+    daemon.ask_why((time.monotonic() - moist[0]) / 60.0)
     time_s, off = errors(np.concatenate(watching.samples))
     shares = {}
     for name, (start_s, end_s) in {"dry": dry, "moist": moist, "moist, mended": mended}.items():
@@ -189,6 +202,7 @@ def _page(url: str, path: Path) -> None:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         view = browser.new_page(viewport={"width": 1700, "height": 1150})
         view.goto(url)
+        view.wait_for_function("document.getElementById('state').textContent !== 'UNKNOWN'")
         view.wait_for_timeout(3000)
         view.screenshot(path=path)
         browser.close()
