@@ -56,13 +56,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--modules", nargs="*", default=list(TESTS), choices=list(TESTS), metavar="MODULE")
     asked = parser.parse_args()
-    survivors, tried = [], 0
+    survived = tried = 0
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(COPIES) as pool:
         copies: SimpleQueue[Path] = SimpleQueue()
         for number in range(COPIES):
             copies.put(_copy(Path(folder, str(number))))
 
-        def work(module: str) -> tuple[str, list[tuple[WorkItem, WorkResult]]]:
+        def work(module: str) -> tuple[str, list[WorkResult]]:
             copy = copies.get()
             try:
                 return module, _try(copy, module, asked)
@@ -70,14 +70,13 @@ def main() -> int:
                 copies.put(copy)
 
         for module, results in pool.map(work, asked.modules):
-            alive = [(item, result) for item, result in results if result.test_outcome is TestOutcome.SURVIVED]
+            alive = [result for result in results if result.test_outcome is TestOutcome.SURVIVED]
             print(f"{module}: {len(results) - len(alive)} of {len(results)} noticed", flush=True)
-            tried += len(results)
-            survivors += [(module, result) for _, result in alive]
-    for module, result in survivors:
-        print(f"\n{module}: nobody noticed\n" + "\n".join((result.diff or "").splitlines()[2:]))
-    print(f"\n{tried - len(survivors)} of {tried} faults noticed")
-    return 1 if survivors else 0
+            for result in alive:
+                print("\n".join((result.diff or "").splitlines()[2:]) + "\n", flush=True)
+            tried, survived = tried + len(results), survived + len(alive)
+    print(f"{tried - survived} of {tried} faults noticed")
+    return 1 if survived else 0
 
 
 def _copy(folder: Path) -> Path:
@@ -89,8 +88,8 @@ def _copy(folder: Path) -> Path:
     return folder
 
 
-def _try(copy: Path, module: str, asked: argparse.Namespace) -> list[tuple[WorkItem, WorkResult]]:
-    """Every fault that is asked for in one module, with what its tests made of it."""
+def _try(copy: Path, module: str, asked: argparse.Namespace) -> list[WorkResult]:
+    """What a module's tests made of every fault that is asked for."""
     tests = " ".join(TESTS[module])
     config, session = copy / "mutation.toml", copy / "mutation.sqlite"
     config.write_text(
@@ -113,7 +112,7 @@ def _try(copy: Path, module: str, asked: argparse.Namespace) -> list[tuple[WorkI
     if kept:
         _run(copy, "cosmic-ray", "exec", config.name, session.name)
     with use_db(session, WorkDB.Mode.open) as found:
-        return [(item, found_in) for item, found_in in found.completed_work_items if item.job_id in kept]
+        return [result for item, result in found.completed_work_items if item.job_id in kept]
 
 
 def _is_senseless(item: WorkItem) -> bool:
