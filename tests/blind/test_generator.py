@@ -189,13 +189,13 @@ def test_file_names_say_nothing_and_labels_are_sealed(small_sets, tmp_path):
     assert set(head.split(",")) <= CONTRACT
 
 
-def test_fixed_sets_are_ten_of_the_promised_mix():
+def test_fixed_sets_are_five_of_the_promised_mix():
     wanted = families.ci_specs()
     count = {f: sum(s.family == f for s in wanted) for f in ("F0", "F1", "F4", "F7")}
-    assert count == {"F0": 2, "F1": 5, "F4": 2, "F7": 1}
-    assert len(wanted) == 10
+    assert count == {"F0": 1, "F1": 2, "F4": 1, "F7": 1}
+    assert len(wanted) == 5
     assert {s.form for s in wanted if s.family == "F1"} == set(FORMS)
-    assert len({s.effects[0][0] for s in wanted if s.family == "F1"}) == 5
+    assert len({s.effects[0][0] for s in wanted if s.family == "F1"}) == 2
 
 
 def test_generator_loads_nothing_of_the_project():
