@@ -116,6 +116,7 @@ PANEL = OperatingLimits(150.0, 10.0, 1e6, amplifier_current_a=0.1, panel_capacit
         (LIMITS, point(voltage_v=150.0), True),
         (LIMITS, point(voltage_v=150.01), False),
         (LIMITS, point(voltage_v=-1.0), False),
+        (LIMITS, point(current_rms_a=0.0, stuck_current_rms_a=0.0), True),
         (LIMITS, point(current_rms_a=0.499e-3), True),
         (LIMITS, point(current_rms_a=0.501e-3), False),
         (LIMITS, point(current_rms_a=-1e-9), False),

@@ -4,13 +4,14 @@ import math
 import threading
 import time
 from contextlib import suppress
+from unittest.mock import MagicMock
 
 import pytest
 
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.config import AnalogInputsConfig, RigConfig, SafetySettings
 from haptic_driver.rig.devices import build_rig
-from haptic_driver.rig.evidence import OffEvidence
+from haptic_driver.rig.evidence import OffEvidence, switch_off
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import DriveCommand
@@ -799,3 +800,12 @@ def test_the_lock_is_free_after_a_command_and_after_a_stop(bench):
         other.start()
         other.join()
     assert found == [True, True]
+
+
+@pytest.mark.parametrize(("quiet_after_s", "seen_v"), [(0.1, 0.0), (math.inf, 100.0)])
+def test_an_electrode_has_the_settling_time_to_discharge_and_no_more(quiet_after_s, seen_v):
+    clock, generator, amplifier = ManualClock(), MagicMock(), MagicMock()
+    amplifier.monitor_voltage_v = lambda: 100.0 if clock() < quiet_after_s - 1e-6 else 0.0
+    found = switch_off(generator, amplifier, 0.15, clock.sleep)
+    assert found.monitor_v == seen_v
+    assert clock() == pytest.approx(min(quiet_after_s, 0.15))
