@@ -9,6 +9,7 @@ and time, one at a time and with no precedence; control gets what came of it, or
 from __future__ import annotations
 
 import json
+import math
 import pickle
 import resource
 import signal
@@ -36,7 +37,6 @@ from model.support.errors import nearest
 
 MEMORY_BYTES = 256 << 20
 TIME_S = 5.0
-LONGEST_S = 120
 START_TIMEOUT_S = 60.0  # of the process, on a busy machine
 PATIENCE_S = 0.2  # for another request to end: who waits holds a thread of the API
 
@@ -93,7 +93,7 @@ class Loader:
             timer = threading.Timer(TIME_S, child.kill)
             timer.start()
             try:
-                link.send((work, name, *arguments))
+                link.send((TIME_S, work, name, *arguments))
                 is_given, answer = pickle.loads(link.recv_bytes(2 * TARGET_BYTES))
             except (OSError, EOFError):
                 self._end()
@@ -188,10 +188,10 @@ def main() -> int:
         print(json.dumps({"ready": True}), flush=True)
         while True:
             try:
-                asked = link.recv()
+                time_s, *asked = link.recv()
             except EOFError:
                 return 0
-            signal.alarm(LONGEST_S)  # control has given up long before, or is gone
+            signal.alarm(2 * math.ceil(time_s))  # control has given up long before, or is gone
             try:
                 said = _answer(*asked)
             except MemoryError:

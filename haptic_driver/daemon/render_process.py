@@ -28,6 +28,7 @@ from haptic_driver.processes.shared_memory import NO_ORDER, Driven, Order, Outpu
 from haptic_driver.render import envelope
 from haptic_driver.render.compiled import refuse_to_compile
 from haptic_driver.render.controller import Controller
+from haptic_driver.render.finger import FingerTracking
 from haptic_driver.render.texture import FloatArray, Target, Uniform
 from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
 from haptic_driver.signals import SLIDING_M_S, FingerSample, FingerState
@@ -250,15 +251,14 @@ class Renderer:
 
     def _is_elsewhere(self, finger: FingerState, age_s: float) -> bool:
         """Whether the finger may be where the texture asks for quite another friction."""
-        speed_m_s = math.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
-        return speed_m_s * (age_s - self._settings.usual_s) > self._detail_m
+        return _speed_m_s(finger) * (age_s - self._settings.usual_s) > self._detail_m
 
     def _sample(
         self, due: Due, sensed: Sensed, driven: Driven, done: Tick, output: Output, kept: Kept
     ) -> tuple[float, ...]:
         """The fields of SAMPLE."""
         finger = done.finger
-        speed_m_s = math.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
+        speed_m_s = _speed_m_s(finger)
         sliding = finger.in_contact and speed_m_s >= SLIDING_M_S and sensed.normal_force_n > 0.0
         known = sliding and not self._is_stale(sensed, due.due_s)
         measured = abs(sensed.lateral_force_n) / sensed.normal_force_n if known else math.nan
@@ -272,10 +272,14 @@ class Renderer:
         )  # fmt: skip
 
 
+def _speed_m_s(finger: FingerState | FingerTracking) -> float:
+    return math.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
+
+
 def _carried(controller: Controller, before: Controller, state: TickState) -> TickState:
     """The state of the same finger on another controller's surface."""
     finger = state.finger
-    speed_m_s = math.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
+    speed_m_s = _speed_m_s(finger)
     return state._replace(controller=controller.carried(before, state.controller, speed_m_s, state.drive.voltage_v))
 
 

@@ -83,10 +83,9 @@ class Problem:
     def linearised(self, kinds: Sequence[type[Effect]], vectors: Array) -> Iterator[tuple[Array, Array]]:
         """The same at each of some vectors [m, k], still in one call."""
         steps = np.where(vectors > 0.0, -STEP, STEP)  # inwards: what lies beyond the farthest is flat
-        stepped = vectors[:, None] + np.concatenate(
-            [0.0 * steps[:, None], steps[:, :, None] * np.eye(steps.shape[1])], 1
-        )
-        residuals = self.whitened(kinds, stepped.reshape(-1, steps.shape[1])).reshape(*stepped.shape[:2], -1)
+        m, k = vectors.shape
+        stepped = vectors[:, None] + np.eye(k + 1, k, -1) * steps[:, None]  # as it is, then each parameter in turn
+        residuals = self.whitened(kinds, stepped.reshape(-1, k)).reshape(m, k + 1, -1)
         for own, step in zip(residuals, steps, strict=True):
             yield own[0], -(own[1:] - own[0]).T / step
 

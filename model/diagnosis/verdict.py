@@ -156,7 +156,6 @@ def decide(
 ) -> Verdict:
     """Weigh what was fitted; fits second effects where one is not enough."""
     winner, base = weighed.winner, weighed.base
-    remainder = _remainder(problem, winner, base)
     probabilities = weighed.probabilities
     if probabilities[NONE] >= NOTHING and not base_scan.alarm and adequate(base, base_scan.lack_of_fit_p):
         return Verdict("no_discrepancy", True, base, probabilities, {}, ("no effect is worth its parameters",))
@@ -180,6 +179,7 @@ def decide(
         return _name_one(winner, group, probabilities)
 
     needed = _needed_beside_discrepancy(weighed, group)
+    remainder = _remainder(problem, winner, base)
     if winner.name in needed and remainder <= LIST_REMAINDER and probabilities[UNKNOWN] < 0.5:
         why = f"needed even beside a discrepancy of unknown shape; what remains is {remainder:.0%} of its signature"
         for name in (*needed, *_credible(probabilities)):  # what is named alone has to be probable, too
@@ -283,10 +283,9 @@ def _needed_beside_discrepancy(weighed: Weighed, group: list[str]) -> list[str]:
 
 def _credible(probabilities: dict[str, float]) -> list[str]:
     """The fewest effects that hold SURE of the probability together; none where all do not."""
-    effects = [name for name in probabilities if name not in (NONE, UNKNOWN)]
-    shares = np.cumsum([probabilities[name] for name in effects])
-    enough = np.flatnonzero(shares >= SURE)
-    return effects[: enough[0] + 1] if enough.size else []
+    effects = _effects(probabilities)
+    enough = np.flatnonzero(np.cumsum(list(effects.values())) >= SURE)
+    return list(effects)[: enough[0] + 1] if enough.size else []
 
 
 def _remainder(problem: Problem, winner: Candidate, base: Candidate) -> float:
