@@ -49,6 +49,7 @@ from haptic_driver.rig.states import RigState
 from haptic_driver.textures.library import texture_names
 
 WATCH_PERIOD_S = 0.02
+ARM_PATIENCE_S = 2.0
 MEASURED_SAMPLES = 100
 TIMED_SAMPLES = 1000
 
@@ -188,7 +189,8 @@ class Daemon:
             )
 
     def arm(self, lease_s: float, holder: str = SOMEBODY) -> Lease:
-        """Idle -> armed."""
+        """Idle -> armed. Sensors that a busy machine keeps from speaking are given a moment, with the lock free."""
+        self.supervisor.silent(ARM_PATIENCE_S)
         with self._orders.lock:
             self.supervisor.refuse_unless_ready(self.basis.settings, self._orders.machine.state)
             lease = self._orders.arm(lease_s, holder)

@@ -85,8 +85,14 @@ class Supervisor:
         self._await_heard()
         self.missing = ""
 
-    def silent(self) -> str:
-        """Who has not been heard lately; empty when all have."""
+    def silent(self, patience_s: float = 0.0) -> str:
+        """Who has not been heard lately, and is not heard while one waits; empty when all have."""
+        until_s = self._clock() + patience_s
+        while (silent := self._silent()) and self._clock() < until_s and not self._ending.wait(SILENCE_POLL_S):
+            pass
+        return silent
+
+    def _silent(self) -> str:
         now_s, sensed = self._clock(), self._shared.sensed.read()
         last_s = {"the finger tracker": sensed.finger_time_s, "the force sensor": sensed.force_time_s}
         last_s["render"] = self._shared.output.read().time_s
@@ -188,10 +194,8 @@ class Supervisor:
         self._orders.pump.actuator = self.instruments.actuator
 
     def _await_heard(self) -> None:
-        until_s = self._clock() + START_TIMEOUT_S
-        while (silent := self.silent()) and not self._ending.wait(SILENCE_POLL_S):
-            if self._clock() > until_s:
-                raise HapticError("silent", silent, "check the sensors; look at the log")
+        if (silent := self.silent(START_TIMEOUT_S)) and not self._ending.is_set():
+            raise HapticError("silent", silent, "check the sensors; look at the log")
 
     # --- watching ------------------------------------------------------------------------------------------------
 

@@ -5,10 +5,11 @@ The noise scale is integrated out: -(n + nu)/2 log(1 + chi^2/nu) replaces -chi^2
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,11 +17,12 @@ from model.diagnosis.noise import Noise
 from model.diagnosis.smooth import discrepancy_terms, smooth_terms
 from model.diagnosis.space import FARTHEST, Predictor
 from model.effects import Effect
-from model.support.arrays import Array
+from model.support.arrays import Array, Mask
 
 STEP = 1e-4  # of finite differences, in prior standard deviations
 ITERATIONS = 40
 TOLERANCE = 1e-3  # nats
+DAMPINGS = np.array([0.1, 1.0, 20.0])  # tried at each step, times the last that was best
 FIRST_ITERATIONS = 5  # of every start, before the best go on
 STARTS_KEPT = 2
 MOST_IN_ONE_VALLEY = 2  # parameters of an effect
@@ -45,6 +47,29 @@ class Fit:
     chi2: float
     scale2: float
     log_evidence: float
+
+
+class _Nearby(NamedTuple):
+    """What is linear about vectors [m, k]: their residuals [m, n], Jacobians [m, n, k] without what stays at its end,
+    weight of chi^2 [m, 1], gradient of the posterior [m, k], and steps [m, 3, k] by damped normal matrices.
+    """
+
+    vectors: Array
+    residuals: Array
+    jacobians: Array
+    weight: Array
+    gradient: Array
+    dampings: Array
+    damped: Array
+    steps: Array
+
+    @property
+    def promising(self) -> Mask:
+        """Where more is to be expected of a step than nothing."""
+        return np.asarray(0.5 * np.sum(self.gradient * self.steps[:, 0], axis=1) >= TOLERANCE)
+
+    def only(self, which: Mask) -> _Nearby:
+        return _Nearby(*(field[which] for field in self))
 
 
 class Problem:
@@ -76,58 +101,67 @@ class Problem:
         nu, n = self.noise.degrees, self.observed.size
         return np.asarray(0.5 * (n + nu) * np.log1p(np.asarray(chi2) / nu) + 0.5 * np.sum(np.square(vectors), axis=-1))
 
-    def linearise(self, kinds: Sequence[type[Effect]], vector: Array) -> tuple[Array, Array]:
-        """Residual [n] and Jacobian of the prediction [n, k], both whitened, in one call of the model."""
-        return next(self.linearised(kinds, vector[None]))
-
-    def linearised(self, kinds: Sequence[type[Effect]], vectors: Array) -> Iterator[tuple[Array, Array]]:
-        """The same at each of some vectors [m, k], still in one call."""
+    def linearised(self, kinds: Sequence[type[Effect]], vectors: Array) -> tuple[Array, Array]:
+        """Residuals [m, n] and Jacobians of the prediction [m, n, k] at vectors [m, k], whitened, in one call."""
         steps = np.where(vectors > 0.0, -STEP, STEP)  # inwards: what lies beyond the farthest is flat
         m, k = vectors.shape
         stepped = vectors[:, None] + np.eye(k + 1, k, -1) * steps[:, None]  # as it is, then each parameter in turn
         residuals = self.whitened(kinds, stepped.reshape(-1, k)).reshape(m, k + 1, -1)
-        for own, step in zip(residuals, steps, strict=True):
-            yield own[0], -(own[1:] - own[0]).T / step
+        return residuals[:, 0], -np.swapaxes((residuals[:, 1:] - residuals[:, :1]) / steps[:, :, None], 1, 2)
 
     def fit(self, kinds: Sequence[type[Effect]], start: Array, iterations: int = ITERATIONS) -> Fit:
         """Damped Gauss-Newton from one start."""
-        nu, n = self.noise.degrees, self.observed.size
-        vector = np.clip(start, -FARTHEST, FARTHEST)
-        residual, jacobian = self.linearise(kinds, vector)
-        chi2 = float(residual @ residual)
-        cost = float(self.cost(chi2, vector))
-        damping = 1e-3
+        return self.fits(kinds, start[None], iterations)[0]
+
+    def fits(self, kinds: Sequence[type[Effect]], starts: Array, iterations: int = ITERATIONS) -> list[Fit]:
+        """Damped Gauss-Newton from each of some starts [m, k], a step of all at a time."""
+        vectors = np.clip(starts, -FARTHEST, FARTHEST)
+        residuals, jacobians = self.linearised(kinds, vectors)
+        costs = self.cost(np.sum(residuals**2, axis=1), vectors)
+        damping, going = np.full(len(starts), 1e-3), np.arange(len(starts))
         for _ in range(iterations):
-            weight = (n + nu) / (nu + chi2)
-            gradient = weight * jacobian.T @ residual - vector
-            free = ~((np.abs(vector) >= FARTHEST) & (gradient * vector > 0.0))  # what is at its end stays there
-            normal = weight * jacobian[:, free].T @ jacobian[:, free] + np.eye(int(free.sum()))
-            dampings = damping * np.array([0.1, 1.0, 20.0])
-            steps = np.zeros((dampings.size, vector.size))
-            damped = normal + dampings[:, None, None] * np.diag(np.diag(normal))
-            steps[:, free] = np.linalg.solve(damped, gradient[free, None])[..., 0]
-            if 0.5 * float(gradient @ steps[0]) < TOLERANCE:  # nothing more is to be expected
+            near = self._nearby(vectors[going], residuals[going], jacobians[going], damping[going])
+            near, going = near.only(near.promising), going[near.promising]
+            if not going.size:
                 break
-            trials = np.clip(vector + steps, -FARTHEST, FARTHEST)
-            residuals = self.whitened(kinds, trials)
-            # Valleys bend: what a step found beside what is linear in it says where along the valley it should end.
-            bent = residual - (trials - vector) @ jacobian.T - residuals
-            steps[:, free] = np.linalg.solve(damped, -weight * (bent @ jacobian[:, free])[..., None])[..., 0]
-            trials = np.vstack([trials, np.clip(trials + steps, -FARTHEST, FARTHEST)])
-            residuals = np.vstack([residuals, self.whitened(kinds, trials[dampings.size :])])
-            costs = self.cost(np.sum(residuals**2, axis=1), trials)
-            best = int(np.argmin(costs))
-            gain = cost - float(costs[best])
-            if gain > 0.0:
-                vector, cost = trials[best], float(costs[best])
-                damping = float(np.clip(dampings[best % dampings.size], 1e-9, 1e6))
-                residual, jacobian = self.linearise(kinds, vector)
-                chi2 = float(residual @ residual)
-            else:
-                damping = min(damping * 1e3, 1e9)
-            if 0.0 < gain < TOLERANCE or damping >= 1e8:
-                break
-        return self._finish(tuple(kinds), vector, residual, jacobian)
+            found, found_costs, of_damping = self._best_step(kinds, near)
+            gain = costs[going] - found_costs
+            better = gain > 0.0
+            damping[going] = np.where(better, of_damping, np.minimum(damping[going] * 1e3, 1e9))
+            if (moved := going[better]).size:
+                vectors[moved], costs[moved] = found[better], found_costs[better]
+                residuals[moved], jacobians[moved] = self.linearised(kinds, vectors[moved])
+            going = going[~(better & (gain < TOLERANCE)) & (damping[going] < 1e8)]
+        return [self._finish(tuple(kinds), *fit) for fit in zip(vectors, residuals, jacobians, strict=True)]
+
+    def _nearby(self, vectors: Array, residuals: Array, jacobians: Array, damping: Array) -> _Nearby:
+        """What is linear about each of some vectors."""
+        nu, n = self.noise.degrees, self.observed.size
+        weight = (n + nu) / (nu + np.sum(residuals**2, axis=1))[:, None]
+        gradient = weight * np.einsum("mnk,mn->mk", jacobians, residuals) - vectors
+        free = ~((np.abs(vectors) >= FARTHEST) & (gradient * vectors > 0.0))  # what is at its end stays there
+        jacobians = jacobians * free[:, None]
+        normal = weight[..., None] * np.swapaxes(jacobians, 1, 2) @ jacobians + np.eye(vectors.shape[1])
+        dampings = damping[:, None] * DAMPINGS
+        damped = normal[:, None] + dampings[..., None, None] * (normal * np.eye(vectors.shape[1]))[:, None]
+        steps = np.linalg.solve(damped, (gradient * free)[:, None, :, None])[..., 0]
+        return _Nearby(vectors, residuals, jacobians, weight, gradient, dampings, damped, steps)
+
+    def _best_step(self, kinds: Sequence[type[Effect]], near: _Nearby) -> tuple[Array, Array, Array]:
+        """The best vectors [m, k] that the steps lead to, their costs [m] and dampings [m]."""
+        m, count, k = near.steps.shape
+        start = near.vectors[:, None]
+        trials = np.clip(start + near.steps, -FARTHEST, FARTHEST)
+        residuals = self.whitened(kinds, trials.reshape(-1, k)).reshape(m, count, -1)
+        # Valleys bend: what a step found beside what is linear in it says where along the valley it should end.
+        bent = near.residuals[:, None] - (trials - start) @ np.swapaxes(near.jacobians, 1, 2) - residuals
+        aside = np.linalg.solve(near.damped, -(near.weight[..., None] * (bent @ near.jacobians))[..., None])[..., 0]
+        corrected = np.clip(trials + aside, -FARTHEST, FARTHEST)
+        after = self.whitened(kinds, corrected.reshape(-1, k)).reshape(m, count, -1)
+        trials, residuals = np.hstack([trials, corrected]), np.hstack([residuals, after])
+        costs = self.cost(np.sum(residuals**2, axis=2), trials)
+        each, best = np.arange(m), np.argmin(costs, axis=1)
+        return trials[each, best], costs[each, best], np.clip(near.dampings[each, best % count], 1e-9, 1e6)
 
     def _finish(self, kinds: tuple[type[Effect], ...], vector: Array, residual: Array, jacobian: Array) -> Fit:
         nu, n = self.noise.degrees, self.observed.size
@@ -144,16 +178,13 @@ class Problem:
 
         Effects of three parameters have valleys that do not meet: they start from another last parameter as well.
         """
-        start = np.zeros(self.predictor.size(kinds))
-        start[: base.size] = base[: start.size]
-        if not kinds:
-            return self.fit(kinds, start)
         count = len(kinds[-1].parameters())
-        begun = []
-        for value, last in product(starts, (0.0, OTHER_VALLEY) if count > MOST_IN_ONE_VALLEY else (0.0,)):
-            start[start.size - count], start[-1] = value, last if count > 1 else value
-            begun.append(self.fit(kinds, start, FIRST_ITERATIONS))
-        begun.sort(key=lambda fit: -fit.log_evidence)
+        pairs = list(product(starts, (0.0, OTHER_VALLEY) if count > MOST_IN_ONE_VALLEY else (0.0,)))
+        from_each = np.zeros((len(pairs), self.predictor.size(kinds)))
+        from_each[:, : base.size] = base[: from_each.shape[1]]
+        for start, (value, last) in zip(from_each, pairs, strict=True):
+            start[-count], start[-1] = value, last if count > 1 else value
+        begun = sorted(self.fits(kinds, from_each, FIRST_ITERATIONS), key=lambda fit: -fit.log_evidence)
         best = self.fit(kinds, begun[0].vector)
         others = [fit for fit in begun[1:] if np.linalg.norm(fit.vector - best.vector) > SAME_VALLEY]
         kept = [best, *(self.fit(kinds, fit.vector) for fit in others[: STARTS_KEPT - 1])]

@@ -23,6 +23,7 @@ from model.support.arrays import Array, Mask
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -373,6 +374,7 @@ def _literal(text: str) -> str:
 def _svg(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     with plt.rc_context({"svg.hashsalt": "haptic"}):  # the same file again from the same data
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+        # Not `savefig`, which draws everything twice, the first time for the layout alone.
+        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})  # type: ignore[no-untyped-call]
     plt.close(figure)
     return buffer.getvalue()

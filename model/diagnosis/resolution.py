@@ -100,7 +100,7 @@ def _left(problem: Problem, base: Fit, rival: type[Effect]) -> float:
     starts = np.zeros((len(STARTS), problem.predictor.size((rival,))))
     starts[:, : base.vector.size], starts[:, base.vector.size] = base.vector, STARTS
     near = base.chi2
-    for residual, jacobian in problem.linearised((rival,), starts):
+    for residual, jacobian in zip(*problem.linearised((rival,), starts), strict=True):
         within, _ = np.linalg.qr(jacobian)
         near = min(near, float(residual @ residual - np.sum((within.T @ residual) ** 2)))
     if near > FAR:
