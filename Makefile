@@ -1,6 +1,8 @@
 # Every target works first on a fresh clone with only Python >= 3.11 and make.
 PYTHON ?= python3
 BIN := .venv/bin
+# Hundreds of processes start in a test run: what one has compiled serves the next, whatever the environment says.
+export PYTHONDONTWRITEBYTECODE =
 
 .PHONY: demo demo-diagnosis demo-live test soak kills mutate lint bench bench-live validate blind docs clean
 

@@ -23,12 +23,18 @@ settings.register_profile(
 settings.load_profile("project")
 
 
+LONGEST = ("test_docs", "test_daemon", "test_investigate", "test_stage_bench", "test_outside_generator", "test_kills")
 AUTOGROUP = Path("/proc/self/autogroup")  # Linux shares a busy processor among sessions before it looks at niceness
 
 
 def pytest_configure() -> None:
     with suppress(OSError):
         AUTOGROUP.write_text("-10" if take_precedence() else "0")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest files first, or a worker ends with one of them alone."""
+    items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

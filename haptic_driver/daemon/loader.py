@@ -37,6 +37,7 @@ from model.support.errors import nearest
 
 MEMORY_BYTES = 256 << 20
 TIME_S = 5.0
+TOO_MUCH = "too_much"
 START_TIMEOUT_S = 60.0  # of the process, on a busy machine
 PATIENCE_S = 0.2  # for another request to end: who waits holds a thread of the API
 
@@ -100,6 +101,8 @@ class Loader:
                 raise _too_much(name) from None
             finally:
                 timer.cancel()
+            if not is_given and answer[1]["code"] == TOO_MUCH:
+                self._end()  # what is left of its memory is in pieces; the next asks another
         finally:
             self._lock.release()
         if not is_given:
@@ -154,7 +157,7 @@ def _tile(name: str, grid: Grid) -> tuple[float, float, bytes]:
 
 def _too_much(name: str) -> BadInputError:
     said = f"{name[:200]} takes more than {TIME_S:g} s or {MEMORY_BYTES >> 20} MiB to read"
-    return BadInputError("too_much", said, "make it smaller")
+    return BadInputError(TOO_MUCH, said, "make it smaller")
 
 
 def _answer(work: Callable[..., Any], name: str, *arguments: Any) -> bytes:
@@ -196,7 +199,7 @@ def main() -> int:
                 said = _answer(*asked)
             except MemoryError:
                 link.send_bytes(_refusal(_too_much(asked[1])))
-                return 1  # what is left of the memory is in pieces
+                return 1
             link.send_bytes(said)
             signal.alarm(0)
 

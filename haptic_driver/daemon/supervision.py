@@ -88,15 +88,13 @@ class Supervisor:
     def silent(self, patience_s: float = 0.0) -> str:
         """Who has not been heard lately, and is not heard while one waits; empty when all have."""
         until_s = self._clock() + patience_s
-        while (silent := self._silent()) and self._clock() < until_s and not self._ending.wait(SILENCE_POLL_S):
-            pass
-        return silent
-
-    def _silent(self) -> str:
-        now_s, sensed = self._clock(), self._shared.sensed.read()
-        last_s = {"the finger tracker": sensed.finger_time_s, "the force sensor": sensed.force_time_s}
-        last_s["render"] = self._shared.output.read().time_s
-        return ", ".join(f"{who} is silent" for who, time_s in last_s.items() if now_s - time_s > OUTPUT_STALE_S)
+        while True:
+            now_s, sensed = self._clock(), self._shared.sensed.read()
+            last_s = {"the finger tracker": sensed.finger_time_s, "the force sensor": sensed.force_time_s}
+            last_s["render"] = self._shared.output.read().time_s
+            silent = ", ".join(f"{who} is silent" for who, time_s in last_s.items() if now_s - time_s > OUTPUT_STALE_S)
+            if not silent or now_s >= until_s or self._ending.wait(SILENCE_POLL_S):
+                return silent
 
     def refuse_unless_ready(self, settings: DaemonSettings, state: DaemonState) -> None:
         """RefusedError with what keeps the output off; of a fault the state machine speaks itself."""
@@ -142,11 +140,10 @@ class Supervisor:
         self._children.pop(RENDER).kill()  # not one of those any more whose end is a fault
         try:
             self._start_render()
-            self._await_heard()
+            self.await_all()
         except HapticError:
             self._in_thread(self._bring_back, RENDER)
             raise
-        self.missing = ""
 
     def end(self) -> None:
         """Begin nothing any more; returns when all threads have ended."""

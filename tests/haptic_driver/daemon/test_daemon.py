@@ -69,6 +69,16 @@ def test_friction_follows_its_target_through_bytes_and_back(daemon, electrode_v)
     assert (status.state, status.output_on) == (DaemonState.ARMED, False)
 
 
+def test_arming_waits_for_sensors_that_a_busy_machine_keeps_silent_for_a_moment(daemon, monkeypatch):
+    read, silent = daemon.shared.sensed.read, iter([True] * 4)
+    monkeypatch.setattr(
+        daemon.shared.sensed, "read", lambda: read()._replace(force_time_s=0.0) if next(silent, False) else read()
+    )
+    assert daemon.supervisor.silent() == "the force sensor is silent"
+    daemon.arm(LEASE_S)
+    assert daemon.status().state is DaemonState.ARMED
+
+
 def test_off_is_off_at_once_and_stays_so_until_asked_again(daemon, electrode_v):
     lease = daemon.arm(LEASE_S)
     for _ in range(10):

@@ -60,12 +60,24 @@ def header(width, height, bits=8, colour=0):
     return chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, colour, 0, 0, 0))
 
 
+def data(content):
+    return chunk(b"IDAT", content)
+
+
 def png(*chunks):
     return b"\x89PNG\r\n\x1a\n" + b"".join(chunks) + chunk(b"IEND", b"")
 
 
 def squeezed(size):
-    return zlib.compress(bytes(size), 9)
+    """That many zeros; what a MiB of them becomes after the first is the same again and again."""
+    stream, zeros, times = zlib.compressobj(9), bytes(MIB), size // MIB
+    first, again = (stream.compress(zeros) + stream.flush(zlib.Z_FULL_FLUSH) for _ in range(2))
+    checksum = (size % 65521 << 16) + 1  # Adler-32 of zeros
+    return first + again * (times - 1) + b"\x03\0" + struct.pack(">I", checksum)
+
+
+def test_what_is_squeezed_is_as_large_as_it_says():
+    assert zlib.decompress(squeezed(3 * MIB)) == bytes(3 * MIB)
 
 
 def npy(text, content=b""):
@@ -87,41 +99,44 @@ def hjif(**given):
     ).encode()
 
 
-COLOURED = zlib.compress((b"\0" + b"\1\2\3" * 2000) * 2000)
-FILES = {
-    "png_wide": (MAP, "a.png", png(header(60_000, 60_000), chunk(b"IDAT", squeezed(MIB)))),
-    "png_of_5_million": (MAP, "a.png", png(header(2500, 2000), chunk(b"IDAT", squeezed(5 * MIB)))),
-    "png_second_header": (MAP, "a.png", png(header(1, 1), header(13_000, 13_000), chunk(b"IDAT", squeezed(170 * MIB)))),
-    "png_second_header_largest": (MAP, "a.png", png(header(1, 1), header(10**5, 10**5), chunk(b"IDAT", squeezed(MIB)))),
-    "png_long_data": (MAP, "a.png", png(header(2000, 2000), chunk(b"IDAT", b"x" + squeezed(900 * MIB)))),
-    "png_text": (MAP, "a.png", png(header(1, 1), chunk(b"zTXt", b"a\0\0" + squeezed(900 * MIB)))),
-    "png_many_texts": (MAP, "a.png", png(header(1, 1), *[chunk(b"zTXt", b"a\0\0" + squeezed(MIB))] * 900)),
-    "png_profile": (MAP, "a.png", png(header(1, 1), chunk(b"iCCP", b"a\0\0" + squeezed(900 * MIB)))),
-    "png_all_coloured": (MAP, "a.png", png(header(2000, 2000, colour=2), chunk(b"IDAT", COLOURED))),
-    "png_large": (MAP, "a.png", bytes(40 * MIB)),
-    "npy_shape": (MAP, "a.npy", npy_of("(1000000, 1000000)")),
-    "npy_shape_small_type": (MAP, "a.npy", npy_of("(100000, 100000)", "|b1")),
-    "npy_empty_type": (MAP, "a.npy", npy_of("(1000000000, 1000000000)", "|V0")),
-    "npy_many_dimensions": (MAP, "a.npy", npy_of("(" + "9," * 20 + ")")),
-    "npy_object": (MAP, "a.npy", npy_of("(2, 2)", "|O")),
-    "npy_negative": (MAP, "a.npy", npy_of("(-1000000, -1000000)")),
-    "npy_deep_header": (MAP, "a.npy", npy("(" * 90 + ")" * 9)),
-    "npy_large": (MAP, "a.npy", npy_of("(2, 2)") + bytes(40 * MIB)),
-    "csv_rows": (PROFILE, "a.csv", b"position_mm,cof\n" + b"1,1\n" * 500_000),
-    "csv_4_million_rows": (PROFILE, "a.csv", b"position_mm,cof\n" + b"1,1\n" * 4_000_000),
-    "csv_columns": (PROFILE, "a.csv", b"position_mm,cof" + b",a" * 1_000_000),
-    "csv_one_field": (PROFILE, "a.csv", b"position_mm,cof\n1," + b"1" * 2_000_000),
-    "csv_steps": (SCRIPT, "a.csv", b"time_s,cof\n" + b"1,1\n" * 600_000),
-    "csv_grid": (MAP, "a.csv", b"1,2\n" * (700 << 10)),
-    "csv_grid_one_row": (MAP, "a.csv", b"12," * 1_000_000 + b"x"),
-    "csv_grid_long": (MAP, "a.csv", b"0.5\n" * (2 * MIB)),
-    "hjif_exponent": (HJIF, "a.hjif", hjif(unit_exponent=100_000_000)),
-    "hjif_exponent_small": (HJIF, "a.hjif", hjif(unit_exponent=-100_000_000)),
-    "hjif_exponent_long_curve": (HJIF, "a.hjif", hjif(unit_exponent=8)),
-    "hjif_long_number": (HJIF, "a.hjif", hjif(gain="9" * 100_000)),
-    "hjif_infinite": (HJIF, "a.hjif", hjif(gain="1e999")),
-    "hjif_deep": (HJIF, "a.hjif", b"[" * (MIB - 9)),
-    "hjif_large": (HJIF, "a.hjif", hjif(frames="[" + "{}," * 300_000 + "{}]")),
+def coloured():
+    return zlib.compress((b"\0" + b"\1\2\3" * 2000) * 2000)
+
+
+FILES = {  # made when they are asked for
+    "png_wide": (MAP, "a.png", lambda: png(header(60_000, 60_000), data(squeezed(MIB)))),
+    "png_of_5_million": (MAP, "a.png", lambda: png(header(2500, 2000), data(squeezed(5 * MIB)))),
+    "png_second_header": (MAP, "a.png", lambda: png(header(1, 1), header(13_000, 13_000), data(squeezed(170 * MIB)))),
+    "png_second_header_largest": (MAP, "a.png", lambda: png(header(1, 1), header(10**5, 10**5), data(squeezed(MIB)))),
+    "png_long_data": (MAP, "a.png", lambda: png(header(2000, 2000), data(b"x" + squeezed(900 * MIB)))),
+    "png_text": (MAP, "a.png", lambda: png(header(1, 1), chunk(b"zTXt", b"a\0\0" + squeezed(900 * MIB)))),
+    "png_many_texts": (MAP, "a.png", lambda: png(header(1, 1), *[chunk(b"zTXt", b"a\0\0" + squeezed(MIB))] * 900)),
+    "png_profile": (MAP, "a.png", lambda: png(header(1, 1), chunk(b"iCCP", b"a\0\0" + squeezed(900 * MIB)))),
+    "png_all_coloured": (MAP, "a.png", lambda: png(header(2000, 2000, colour=2), data(coloured()))),
+    "png_large": (MAP, "a.png", lambda: bytes(40 * MIB)),
+    "npy_shape": (MAP, "a.npy", lambda: npy_of("(1000000, 1000000)")),
+    "npy_shape_small_type": (MAP, "a.npy", lambda: npy_of("(100000, 100000)", "|b1")),
+    "npy_empty_type": (MAP, "a.npy", lambda: npy_of("(1000000000, 1000000000)", "|V0")),
+    "npy_many_dimensions": (MAP, "a.npy", lambda: npy_of("(" + "9," * 20 + ")")),
+    "npy_object": (MAP, "a.npy", lambda: npy_of("(2, 2)", "|O")),
+    "npy_negative": (MAP, "a.npy", lambda: npy_of("(-1000000, -1000000)")),
+    "npy_deep_header": (MAP, "a.npy", lambda: npy("(" * 90 + ")" * 9)),
+    "npy_large": (MAP, "a.npy", lambda: npy_of("(2, 2)") + bytes(40 * MIB)),
+    "csv_rows": (PROFILE, "a.csv", lambda: b"position_mm,cof\n" + b"1,1\n" * 500_000),
+    "csv_4_million_rows": (PROFILE, "a.csv", lambda: b"position_mm,cof\n" + b"1,1\n" * 4_000_000),
+    "csv_columns": (PROFILE, "a.csv", lambda: b"position_mm,cof" + b",a" * 1_000_000),
+    "csv_one_field": (PROFILE, "a.csv", lambda: b"position_mm,cof\n1," + b"1" * 2_000_000),
+    "csv_steps": (SCRIPT, "a.csv", lambda: b"time_s,cof\n" + b"1,1\n" * 600_000),
+    "csv_grid": (MAP, "a.csv", lambda: b"1,2\n" * (700 << 10)),
+    "csv_grid_one_row": (MAP, "a.csv", lambda: b"12," * 1_000_000 + b"x"),
+    "csv_grid_long": (MAP, "a.csv", lambda: b"0.5\n" * (2 * MIB)),
+    "hjif_exponent": (HJIF, "a.hjif", lambda: hjif(unit_exponent=100_000_000)),
+    "hjif_exponent_small": (HJIF, "a.hjif", lambda: hjif(unit_exponent=-100_000_000)),
+    "hjif_exponent_long_curve": (HJIF, "a.hjif", lambda: hjif(unit_exponent=8)),
+    "hjif_long_number": (HJIF, "a.hjif", lambda: hjif(gain="9" * 100_000)),
+    "hjif_infinite": (HJIF, "a.hjif", lambda: hjif(gain="1e999")),
+    "hjif_deep": (HJIF, "a.hjif", lambda: b"[" * (MIB - 9)),
+    "hjif_large": (HJIF, "a.hjif", lambda: hjif(frames="[" + "{}," * 300_000 + "{}]")),
 }  # fmt: skip
 
 DESCRIPTIONS = {
@@ -155,8 +170,8 @@ def refused(loader, path, usual_bytes):
 @pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_that_is_a_bomb_is_refused_in_little_memory(loader, usual_bytes, tmp_path, name):
-    described, file, content = FILES[name]
-    (tmp_path / file).write_bytes(content)
+    described, file, make = FILES[name]
+    (tmp_path / file).write_bytes(make())
     (tmp_path / "texture.toml").write_text(described.format(file))
     error, grown_bytes = refused(loader, tmp_path / "texture.toml", usual_bytes)
     assert error.code != "too_much"

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from haptic_driver.client import HapticClient
 from tests.haptic_driver.daemon.waiting import until_ready
 from tests.waiting import HANG_S, until
 
@@ -135,13 +136,10 @@ def test_the_daemon_drives_it(haptic, environment, rig, tmp_path):
         try:
             until_ready(daemon)
             with subprocess.Popen(arm, env=environment, stdout=subprocess.DEVNULL) as armed:
-
-                def status():
-                    return haptic("status", "--socket", address)
-
-                until(lambda: status()["state"] == "armed")
+                client = HapticClient(str(address))
+                until(lambda: client.status().state == "armed")
                 haptic("set", 0.6, "--socket", address)
-                until(lambda: status()["output_on"] and status()["voltage_v"] > 1.0)
+                until(lambda: client.status().output_on and client.status().voltage_v > 1.0)
                 assert haptic("off", "--socket", address)["output_on"] is False
                 armed.send_signal(signal.SIGINT)
                 armed.wait(HANG_S)
