@@ -9,6 +9,7 @@ there is one JSON object, `{"why": null}` or what went wrong.
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import pickle
 import signal
@@ -89,14 +90,13 @@ class Recorder:
 
     def _last_word(self) -> str | None:
         """What it said at its end; then nothing of it is left."""
-        died = f"the recorder died; what came before is in {self.path}"
-        try:
+        said = b""
+        with suppress(OSError):
             said = self._talk.recv(MOST_BYTES)
-            why: str | None = json.loads(said)["why"] if said else died
-        except OSError:
-            why = died
         self._talk.close()
         self._child.stop()
+        died = f"{self._child.ended}; what came before is in {self.path}"
+        why: str | None = json.loads(said)["why"] if said else died
         remove_hidden(self.path)
         return why
 
@@ -134,6 +134,7 @@ class _Talk:
 
 def main() -> int:
     """Record until control hangs up; exit status 1 when that failed."""
+    faulthandler.enable()
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # too large a file is an error like a full disk
     shared, talk = SharedState(int(sys.argv[1])), _Talk(int(sys.argv[2]))
     settings: RecorderSettings = pickle.load(sys.stdin.buffer)

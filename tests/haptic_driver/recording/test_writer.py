@@ -242,7 +242,7 @@ def test_a_killed_recorder_is_noticed_and_its_file_is_readable(tmp_path, shared,
     await_samples(tmp_path / "run.h5", 10)
     assert hidden_copy(tmp_path / "run.h5").exists()
     os.kill(recorder.pid, signal.SIGKILL)
-    assert "recorder died" in until(recorder.ended)
+    assert "killed by SIGKILL" in until(recorder.ended)
     assert read_run(tmp_path / "run.h5").samples["tick"].tolist() == list(range(10))
     assert os.listdir(tmp_path) == ["run.h5"]
 
