@@ -91,7 +91,8 @@ def check(
     found = demand(loaded.target, reachable)
     bands = []
     if isinstance(loaded.target, Texture):
-        bands = predicted(*asked(loaded.target, speed, SCREEN_M), reachable, _output(config), speed)
+        met = loaded.target.under(speed, normal_force)
+        bands = predicted(*asked(met, speed, SCREEN_M), reachable, _output(config), speed)
     payload = {
         "name": name,
         "kind": loaded.kind,

@@ -38,56 +38,54 @@ class Imported(NamedTuple):
 
 def import_texture(
     source: Annotated[Path, Argument(help="Recording (.h5), strokes (.csv), vibration (.wav) or HaTT models (.xml).")],
-    out: Annotated[Path, Option(help="Texture to write, .toml; its points go into a .csv beside it.")],
+    out: Annotated[Path, Option(help="Texture to write, .toml; points go into a .csv beside it.")],
     run: Annotated[str | None, Option(help=".h5: the run, e.g. run_0001; the last one by default.")] = None,
     column: Annotated[list[str] | None, Option(help=".csv: position_mm=NAME, and so on; may be repeated.")] = None,
     pitch_mm: Annotated[float, Option(help=".h5, .csv: width of the places that friction is averaged over.")] = 0.1,
-    speed: Annotated[float | None, Option(help=".wav, .xml: m/s at which the surface vibrates so.")] = None,
-    normal_force: Annotated[float, Option(help=".xml: N, of the model.")] = 0.5,
+    speed: Annotated[float | None, Option(help=".wav: m/s at which the surface vibrates so.")] = None,
     mean_cof: Annotated[
         float | None, Option(help=".wav, .xml: mean friction; .xml: the file's own mu if not said.")
     ] = None,
-    amplitude_cof: Annotated[float | None, Option(help=".wav, .xml: largest deviation from the mean.")] = None,
-    seed: Annotated[int, Option(min=0, help=".xml: of the noise that drives the model.")] = 1,
+    amplitude_cof: Annotated[float | None, Option(help=".wav: largest deviation from the mean.")] = None,
+    cof_rms: Annotated[
+        float | None, Option(help=".xml: friction (rms) of the model that vibrates most; the others in proportion.")
+    ] = None,
     force: Annotated[bool, Option("--force", help="Overwrite what is there.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Make a texture of a recording, of strokes measured elsewhere, of a surface's vibration or of a HaTT model.
+    """Make a texture of a recording, of strokes measured elsewhere, of a surface's vibration or of HaTT models.
 
     A recording and strokes (columns position_mm, normal_force_n, lateral_force_n) give friction over position. A
-    vibration has no friction: say which it shall have.
+    vibration has no friction: say which it shall have. HaTT models give a texture that changes with speed and load.
 
     Example: `haptic texture import strokes.csv --out mine.toml`
     """
     points = out.with_suffix(".csv")
-    _require_free(source, out, points, force)
     kind = source.suffix.lower()
-    if kind in RECORDINGS:
-        made = _felt(*_recorded(source, run), pitch_mm, str(source))
-    elif kind in TABLES:
-        from haptic_driver.textures.strokes import read_strokes  # noqa: PLC0415  (as all below: slow to import)
+    _require_free(source, [out] if kind in MODELS else [out, points], force)
+    if kind in MODELS:
+        payload = _modelled(source, mean_cof, cof_rms, out)
+    elif kind in (*RECORDINGS, *TABLES, *SOUNDS):
+        if kind in RECORDINGS:
+            made = _felt(*_recorded(source, run), pitch_mm, str(source))
+        elif kind in TABLES:
+            from haptic_driver.textures.strokes import read_strokes  # noqa: PLC0415  (as all below: slow to import)
 
-        made = _felt(read_strokes(source, _names(column or [])), 0.0, pitch_mm, str(source))
-    elif kind in (*SOUNDS, *MODELS):
-        made = _vibrating(source, speed, normal_force, mean_cof, amplitude_cof, seed)
+            made = _felt(read_strokes(source, _names(column or [])), 0.0, pitch_mm, str(source))
+        else:
+            made = _vibrating(source, speed, mean_cof, amplitude_cof)
+        payload = _write(made, source, out, points)
     else:
         known = ", ".join((*RECORDINGS, *TABLES, *SOUNDS, *MODELS))
         raise BadInputError("bad_ending", f"{source}: '{kind}' is not a file that can be imported", f"Known: {known}")
-    _write(made, source, out, points)
-    low, high = float(made.cof.min()), float(made.cof.max())
-    payload = {
-        "texture": str(out),
-        "points_file": str(points),
-        "points": made.cof.size,
-        "cof": [low, high],
-    } | made.found
-    report(as_json, payload, lambda: _show(payload, made.words))
+    report(as_json, payload, lambda: _show(payload))
 
 
-def _require_free(source: Path, out: Path, points: Path, force: bool) -> None:
+def _require_free(source: Path, written: list[Path], force: bool) -> None:
+    out = written[0]
     if out.suffix.lower() != ".toml":
         raise BadInputError("bad_ending", f"{out}: does not end in .toml", f"Give --out {out.with_suffix('.toml')}")
-    for path in (out, points):
+    for path in written:
         if path.exists() and source.exists() and path.samefile(source):
             said = f"{path}: is what is imported, and would be overwritten"
             raise BadInputError("file_exists", said, "Give another --out")
@@ -139,64 +137,102 @@ def _felt(strokes: Strokes, direction_deg: float, pitch_mm: float, where: str) -
     return Imported(felt.position_m, felt.cof, words, "nothing", direction_deg, found)
 
 
-def _vibrating(
-    source: Path, speed_m_s: float | None, normal_force_n: float, mean_cof: float | None, amplitude_cof: float | None,
-    seed: int,
-) -> Imported:  # fmt: skip
+def _vibrating(source: Path, speed_m_s: float | None, mean_cof: float | None, amplitude_cof: float | None) -> Imported:
     import numpy as np  # noqa: PLC0415
 
-    from haptic_driver.textures import hatt, vibration  # noqa: PLC0415
+    from haptic_driver.textures import vibration  # noqa: PLC0415
     from haptic_driver.textures.description import require_swing  # noqa: PLC0415
 
-    is_model = source.suffix.lower() in MODELS
-    if speed_m_s is None or amplitude_cof is None or (mean_cof is None and not is_model):
+    if speed_m_s is None or amplitude_cof is None or mean_cof is None:
         said = f"{source} holds a vibration: it does not say which friction that is, nor how long the surface"
-        example = "--speed 0.05 --mean-cof 0.65 --amplitude-cof 0.1"
-        raise BadInputError("texture_needs_scale", said, f"Add for example: {example}")
+        raise _needs_scale(said, "--speed 0.05 --mean-cof 0.65 --amplitude-cof 0.1")
     require_range("--speed", speed_m_s, *SPEED_M_S, unit=" m/s")
-    if is_model:
-        models = hatt.read(source)
-        mean_cof = models.mu if mean_cof is None else mean_cof
-        vibrating = hatt.synthesised(models, speed_m_s, normal_force_n, vibration.LONGEST_M / speed_m_s, seed)
-    else:
-        vibrating = vibration.read_wav(source)
-    assert mean_cof is not None
     try:
         require_swing(mean_cof, amplitude_cof)
     except ValueError as error:
         raise BadInputError("out_of_range", str(error), "Give another --mean-cof or --amplitude-cof") from None
+    vibrating = vibration.read_wav(source)
     position_m, cof = vibration.along_the_way(vibrating, speed_m_s, mean_cof, amplitude_cof, str(source))
     found = {"length_mm": 1e3 * float(np.ptp(position_m)), "speed_m_s": speed_m_s, "rate_hz": vibrating.rate_hz}
     words = "the vibration's shape at that speed; its size in friction is what you said, not measured"
     return Imported(position_m, cof, words, "tile", 0.0, found)
 
 
-def _write(made: Imported, source: Path, out: Path, points: Path) -> None:
-    """Points first: a texture's file never names one that is not there."""
+def _modelled(source: Path, mean_cof: float | None, cof_rms: float | None, out: Path) -> dict[str, Any]:
+    """Write all models of a file as processes; what is told of them."""
+    from haptic_driver.textures import description, hatt  # noqa: PLC0415
+    from haptic_driver.textures.spectrum import spectrum  # noqa: PLC0415
+
+    if cof_rms is None:
+        raise _needs_scale(f"{source} holds vibrations: it does not say how much friction they are", "--cof-rms 0.02")
+    models = hatt.read(source)
+    head = {
+        "kind": "spectrum",
+        "description": _printable(f"from {source.name}: its size in friction is what you said, not measured"),
+        "mean_cof": models.mu if mean_cof is None else mean_cof,
+        "rate_hz": models.rate_hz,
+    }
+    tables = models.described(cof_rms)
+    described = description.parse(head | {"process": tables}, source)
+    assert isinstance(described, description.SpectrumDescription)
+    made = spectrum(described, str(source))
+    write_text(out, "\n[[process]]\n".join(_toml(table) for table in [head, *tables]))
+    return {
+        "texture": str(out),
+        "processes": len(tables),
+        "speed_m_s": [1e-3 * end(one.speed_mm_s for one in models.processes) for end in (min, max)],
+        "normal_force_n": [end(one.normal_force_n for one in models.processes) for end in (min, max)],
+        "cof": list(made.bounds()),
+    }
+
+
+def _write(made: Imported, source: Path, out: Path, points: Path) -> dict[str, Any]:
+    """Points first: a texture's file never names one that is not there. What is told of it."""
     places = zip((1e3 * made.position_m).tolist(), made.cof.tolist(), strict=True)
     write_rows(points, [{"position_mm": f"{place_mm:.9g}", "cof": f"{cof:.5f}"} for place_mm, cof in places])
-    lines = [
-        'kind = "profile"',
-        f"description = {_quoted(f'from {source.name}: {made.words}')}",
-        f"file = {_quoted(points.name)}",
-        f"direction_deg = {made.direction_deg:.1f}",
-        f'outside = "{made.outside}"',
-    ]
-    write_text(out, "\n".join(lines) + "\n")
+    texture = {
+        "kind": "profile",
+        "description": _printable(f"from {source.name}: {made.words}"),
+        "file": _printable(points.name),
+        "direction_deg": made.direction_deg,
+        "outside": made.outside,
+    }
+    write_text(out, _toml(texture))
+    return {
+        "texture": str(out),
+        "points_file": str(points),
+        "points": made.cof.size,
+        "cof": [float(made.cof.min()), float(made.cof.max())],
+        "words": made.words,
+    } | made.found
 
 
-def _quoted(text: str) -> str:
-    """A string of TOML, which are those of JSON."""
-    return json.dumps("".join(letter if letter.isprintable() else "?" for letter in text), ensure_ascii=False)
+def _needs_scale(said: str, example: str) -> BadInputError:
+    return BadInputError("texture_needs_scale", said, f"Add for example: {example}")
 
 
-def _show(payload: dict[str, Any], words: str) -> None:
+def _printable(text: str) -> str:
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
+def _toml(content: dict[str, Any]) -> str:
+    """Lines of TOML, whose texts, numbers and lists are those of JSON."""
+    return "".join(f"{name} = {json.dumps(value, ensure_ascii=False)}\n" for name, value in content.items())
+
+
+def _show(payload: dict[str, Any]) -> None:
     low, high = payload["cof"]
-    speed_m_s = payload["speed_m_s"]
-    at = "" if math.isnan(speed_m_s) else f", at {speed_m_s:.3g} m/s"
-    stdout.print(f"texture: {payload['texture']}, with its points in {payload['points_file']}")
-    stdout.print(
-        f"  {payload['points']} points over {payload['length_mm']:.4g} mm, friction {low:.4g} to {high:.4g}{at}"
-    )
-    stdout.print(f"  {words}")
+    if "processes" in payload:
+        speeds, loads = ("{:.3g} to {:.3g}".format(*payload[name]) for name in ("speed_m_s", "normal_force_n"))
+        stdout.print(f"texture: {payload['texture']}")
+        stdout.print(f"  {payload['processes']} processes for {speeds} m/s and {loads} N")
+        stdout.print(f"  friction {low:.4g} to {high:.4g}")
+        stdout.print("  its size in friction is what you said, not measured")
+    else:
+        speed_m_s = payload["speed_m_s"]
+        at = "" if math.isnan(speed_m_s) else f", at {speed_m_s:.3g} m/s"
+        length = f"{payload['points']} points over {payload['length_mm']:.4g} mm"
+        stdout.print(f"texture: {payload['texture']}, with its points in {payload['points_file']}")
+        stdout.print(f"  {length}, friction {low:.4g} to {high:.4g}{at}")
+        stdout.print(f"  {payload['words']}")
     stdout.print(f"look at it: haptic texture preview {shlex.quote(payload['texture'])}")

@@ -323,7 +323,8 @@ class TickSummary(Checked):
 class StateFrame(Checked):
     """One message of the WebSocket `/state`: the status, the newest sample, and how the ticks went.
 
-    `time_s` and `unix_time_s` are now, by the clock of samples and events and by that on the wall.
+    `time_s` and `unix_time_s` are now, by the clock of samples and events and by that on the wall. `samples`: the
+    columns that were asked for, of all ticks since the frame before.
     """
 
     time_s: float
@@ -331,6 +332,7 @@ class StateFrame(Checked):
     status: Status
     newest: dict[str, float | int | None] | None
     ticks: TickSummary
+    samples: dict[str, Column]
 
 
 class ErrorContent(Checked):

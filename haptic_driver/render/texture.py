@@ -56,6 +56,10 @@ class Target(ABC):
 class Texture(Target):
     """A coefficient of friction for every position, or NaN where nothing is asked for."""
 
+    def under(self, speed_m_s: float, normal_force_n: float) -> Texture:
+        """The texture as a finger of this speed and load meets it, wherever it is asked."""
+        return self
+
     def cof_under(self, finger: FingerState) -> float:
         """Friction at the finger's position."""
         return self.cof_at(finger.position_x_m, finger.position_y_m)
@@ -176,6 +180,7 @@ class Profile(Texture):
     position_m: Sequence[float]
     cof: Sequence[float]
     outside: Outside = "nothing"
+    _points: tuple[FloatArray, FloatArray] = field(init=False, repr=False, compare=False)  # for many places at once
 
     def __post_init__(self) -> None:
         """Keep the points as tuples of floats; refuse points out of order or not finite."""
@@ -191,6 +196,7 @@ class Profile(Texture):
             raise BadInputError("bad_texture", "a profile has a point that is not finite", "give numbers only")
         if not np.all(np.diff(self.position_m) > 0.0):
             raise BadInputError("bad_texture", "positions of a profile do not increase", "sort them; no two alike")
+        object.__setattr__(self, "_points", (np.array(self.position_m), np.array(self.cof)))
 
     def bounds(self) -> tuple[float, float]:
         """The lowest and the highest point."""
@@ -221,7 +227,60 @@ class Profile(Texture):
             wrapped_m = np.minimum(first_m + np.mod(x_m - first_m, last_m - first_m), last_m)
             x_m = np.where((x_m < first_m) | (x_m > last_m), wrapped_m, x_m)
         beyond = math.nan if self.outside == "nothing" else None
-        return np.interp(x_m, self.position_m, self.cof, left=beyond, right=beyond)
+        return np.interp(x_m, *self._points, left=beyond, right=beyond)
+
+
+@dataclass(frozen=True, eq=False)
+class Waves(Texture):
+    """Friction along a direction that changes with the finger's speed and load, and repeats after `length_m`.
+
+    `cof[speed, load, place]`, places evenly spaced from 0 on; linear between all three, and beyond the first and last
+    speed and load as there. `usual`: the speed in m/s and the load in N where no finger says its own.
+    """
+
+    cof: FloatArray
+    speed_m_s: FloatArray
+    normal_force_n: FloatArray
+    length_m: float
+    direction_rad: float
+    usual: tuple[float, float]
+
+    def under(self, speed_m_s: float, normal_force_n: float) -> Texture:
+        """With another usual speed and load."""
+        return replace(self, usual=(speed_m_s, normal_force_n))
+
+    def cof_under(self, finger: FingerState) -> float:
+        """Friction at the finger's position, at its speed and load."""
+        return self._met_by(finger).cof_at(finger.position_x_m, finger.position_y_m)
+
+    def cof_along(self, finger: FingerState, ahead_s: FloatArray) -> FloatArray:
+        """Friction where the finger will be, at its speed and load."""
+        return Texture.cof_along(self._met_by(finger), finger, ahead_s)
+
+    def bounds(self) -> tuple[float, float]:
+        """The lowest and the highest of all places."""
+        return float(self.cof.min()), float(self.cof.max())
+
+    @property
+    def detail_m(self) -> float:
+        """From place to place."""
+        return float(self.length_m / self.cof.shape[2])
+
+    def _met_by(self, finger: FingerState) -> Texture:
+        return self.under(math.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s), finger.normal_force_n)
+
+    def _cof_at_point(self, x_m: float, y_m: float) -> float:
+        return float(self._cof_at_points(np.array([x_m]), np.array([y_m]))[0])
+
+    def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+        along_m = x_m * math.cos(self.direction_rad) + y_m * math.sin(self.direction_rad)
+        left, right, share = _neighbours_of_all(along_m / self.detail_m, self.cof.shape[2], tile=True)
+        cof = np.zeros(along_m.shape)
+        for speed, of_speed in _around(self.usual[0], self.speed_m_s):
+            for load, of_load in _around(self.usual[1], self.normal_force_n):
+                waves = self.cof[speed, load]
+                cof += of_speed * of_load * (waves[left] + share * (waves[right] - waves[left]))
+        return cof
 
 
 @dataclass(frozen=True, eq=False)
@@ -414,6 +473,12 @@ class Script(Target):
 
 def _between(first: float, second: float, share: float) -> float:
     return first + share * (second - first)
+
+
+def _around(value: float, nodes: FloatArray) -> list[tuple[int, float]]:
+    """The nodes next to a value, each with its part; the first or the last alone beyond them."""
+    index, following, share = _neighbours(float(np.interp(value, nodes, np.arange(nodes.size))), nodes.size, tile=False)
+    return [(index, 1.0 - share), (following, share)] if share else [(index, 1.0)]
 
 
 def _neighbours(pixels: float, count: int, tile: bool) -> tuple[int, int, float]:

@@ -15,7 +15,7 @@ from haptic_driver.render.texture import Texture
 from haptic_driver.render.tick import TickSettings, TickState, tick
 from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.slide import TICK_S, Slide, average
-from haptic_driver.signals import SLIDING_M_S, WITHIN, Array, FingerSample, Mask
+from haptic_driver.signals import SLIDING_M_S, WITHIN, Array, FingerSample, FingerState, Mask
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.textures.bands import EDGES_HZ, LEAST_COF, rms_in_bands
 from hw.force.sensor import ForceReading
@@ -100,7 +100,7 @@ def render_slide(
     The rig is connected here and switched off at the end, whatever happens.
     """
     count = slide.time_s.size
-    lateral, normal, voltage, frequency, gain = (np.empty(count) for _ in range(5))
+    lateral, normal, voltage, frequency, gain, target = (np.empty(count) for _ in range(6))
     contact, reachable, saturated = (np.zeros(count, bool) for _ in range(3))
     speed = slide.speed_m_s
     state = TickState()
@@ -112,6 +112,8 @@ def render_slide(
             state, done = tick(settings, state, _sample(time_s, x, rig.read_force()))
             rig.command(time_s, done.command)
             bench.step(TICK_S, float(slide.normal_force_n[i]), float(speed[i]))
+            there = FingerState(time_s, x, 0.0, float(speed[i]), 0.0, float(slide.normal_force_n[i]), True)
+            target[i] = texture.cof_under(there)
             reading = rig.read_force()
             lateral[i], normal[i], saturated[i] = reading.lateral_force_n, reading.normal_force_n, reading.saturated
             voltage[i], frequency[i] = bench.instruments.voltage_v, bench.instruments.frequency_hz
@@ -120,7 +122,6 @@ def render_slide(
             progress(i)
     finally:
         off = rig.off()
-    target = np.asarray(texture.cof_at(slide.position_m, np.zeros(count)), dtype=np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
         measured = np.where(contact & (average(saturated) == 0.0), average(lateral) / average(normal), np.nan)
         fine = np.where(contact & ~saturated, lateral / normal, np.nan)

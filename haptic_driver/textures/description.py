@@ -13,6 +13,7 @@ from haptic_driver.config import Checked
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import Interpolation, Outside
 from haptic_driver.textures.bands import BANDS, EDGES_HZ
+from haptic_driver.textures.process import reflections
 
 TEXTURE_COF = (0.01, 5.0)  # what a file may say; the upper end is beyond any finger's
 # The finest detail that reaches a finger: its distance per tick of 1 ms at 100 mm/s. The friction of skin itself
@@ -21,6 +22,8 @@ FINEST_MM = 0.1
 SHORTEST_PERIOD_MM = 2.0 * FINEST_MM
 LEAST_WAVES = 4  # of the lowest frequency in a spectrum's tile: so many that each band has one
 SAMPLES_PER_WAVE = 12  # straight lines between them miss a crest by 1 - cos(pi/12), 3.4 %
+MOST_PROCESSES = 1000
+LOWEST_SPEED_MM_S = 5.0  # below, waves up to 800 Hz are finer than any that a finger follows
 FINEST_WAVE_MM = 0.05  # of a spectrum, which an analog envelope brings out between the ticks
 LARGEST_NOISE_PIXELS = 1400  # along one side: two million, the most that render takes
 LONGEST_TABLE_ROWS = 25_000  # of a profile or a script
@@ -33,7 +36,9 @@ AmplitudeCof = Annotated[float, Field(ge=0.0, le=TEXTURE_COF[1], allow_inf_nan=F
 OriginMm = Annotated[list[OffsetMm], Field(min_length=2, max_length=2)]
 Seconds = Annotated[float, Field(ge=0.0, le=86_400.0, allow_inf_nan=False)]
 Shape = Annotated[float, Field(ge=0.1, le=100.0, allow_inf_nan=False)]
-Coefficient = Annotated[float, Field(ge=-1e3, le=1e3, allow_inf_nan=False)]
+Coefficients = Annotated[
+    list[Annotated[float, Field(ge=-1e3, le=1e3, allow_inf_nan=False)]], Field(min_length=1, max_length=100)
+]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
 
 
@@ -128,11 +133,32 @@ class NoiseDescription(_Description):
         return math.ceil(SAMPLES_PER_WAVE * self.tile_mm / self.shortest_mm)
 
 
+class ProcessDescription(Checked, strict=True):
+    """The spectrum at one speed and load: that of y[n] + ar[0] y[n-1] + ... = noise[n] + ma[0] noise[n-1] + ...
+
+    Either side must die away: all zeros of both polynomials lie inside the unit circle.
+    """
+
+    speed_mm_s: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)]
+    normal_force_n: Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)]
+    cof_rms: AmplitudeCof
+    ar: Coefficients
+    ma: Coefficients | None = None
+
+    @model_validator(mode="after")
+    def _dies_away(self) -> Self:
+        for name, given in (("ar", self.ar), ("ma", self.ma or [])):
+            if not all(abs(reflection) < 1.0 for reflection in reflections(given).tolist()):
+                raise ValueError(f"key '{name}' has a zero on or outside the unit circle")
+        return self
+
+
 class SpectrumDescription(_Description):
     """Waves along a direction whose spectrum, for a finger at a speed, is given in the nine bands from 12.5 to 800 Hz.
 
-    In one of three ways: the friction (rms) of each band; the friction of all of them, shared out by a beta
-    distribution over the logarithm of frequency; or that of a process y[n] + ar[0] y[n-1] + ... = noise.
+    In one of four ways: the friction (rms) of each band; the friction of all of them, shared out by a beta
+    distribution over the logarithm of frequency; or that of a process y[n] + ar[0] y[n-1] + ... = noise; or such
+    processes for several speeds and loads, between which the texture changes with the finger.
     `perceptual_gain` multiplies all waves; `invert_finger` each by what a usual finger loses of it.
     """
 
@@ -141,9 +167,12 @@ class SpectrumDescription(_Description):
     band_cof_rms: Annotated[list[AmplitudeCof], Field(min_length=BANDS, max_length=BANDS)] | None = None
     cof_rms: AmplitudeCof | None = None
     beta: Annotated[list[Shape], Field(min_length=2, max_length=2)] | None = None
-    ar: Annotated[list[Coefficient], Field(min_length=1, max_length=100)] | None = None
+    ar: Coefficients | None = None
+    ma: Coefficients | None = None
+    process: Annotated[list[ProcessDescription], Field(min_length=1, max_length=MOST_PROCESSES)] | None = None
     rate_hz: Annotated[float, Field(ge=100.0, le=100e3, allow_inf_nan=False)] | None = None
-    speed_mm_s: Annotated[float, Field(ge=5.0, le=1000.0, allow_inf_nan=False)] = 50.0
+    speed_mm_s: Annotated[float, Field(ge=LOWEST_SPEED_MM_S, le=1000.0, allow_inf_nan=False)] = 50.0
+    normal_force_n: Annotated[float, Field(gt=0.0, le=20.0, allow_inf_nan=False)] = 0.5
     perceptual_gain: Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)] = 1.0
     invert_finger: bool = False
     tile_mm: PeriodMm = 64.0
@@ -152,22 +181,37 @@ class SpectrumDescription(_Description):
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
-        forms = [name for name in ("band_cof_rms", "beta", "ar") if getattr(self, name) is not None]
+        forms = [name for name in ("band_cof_rms", "beta", "ar", "process") if getattr(self, name) is not None]
         if len(forms) != 1:
-            raise ValueError(f"a spectrum has one of band_cof_rms, beta and ar, not {', '.join(forms) or 'none'}")
-        if (self.cof_rms is None) != (forms == ["band_cof_rms"]):
-            raise ValueError("key 'cof_rms' goes together with beta or ar, and not with band_cof_rms")
-        if (self.rate_hz is None) != (forms != ["ar"]):
-            raise ValueError("key 'rate_hz' goes together with ar, and with nothing else")
+            raise ValueError(
+                f"a spectrum has one of band_cof_rms, beta, ar and process, not {', '.join(forms) or 'none'}"
+            )
+        form = forms[0]
+        if (self.cof_rms is not None) != (form in ("beta", "ar")):
+            raise ValueError("key 'cof_rms' goes together with beta or ar, and with nothing else")
+        if (self.rate_hz is not None) != (form in ("ar", "process")):
+            raise ValueError("key 'rate_hz' goes together with ar or process, and with nothing else")
+        if self.ma is not None and form != "ar":
+            raise ValueError("key 'ma' goes together with ar, and with nothing else")
+        if len({(len(one.ar), len(one.ma or [])) for one in self.process or []}) > 1:
+            raise ValueError("tables 'process' have unequal numbers of coefficients")
         least_mm = LEAST_WAVES * self.speed_mm_s / float(EDGES_HZ[0])
         most_mm = (LONGEST_TABLE_ROWS - 1) * self.finest_mm() / SAMPLES_PER_WAVE
         if not least_mm <= self.tile_mm <= most_mm:
             raise ValueError(f"key 'tile_mm': {least_mm:.4g} to {most_mm:.4g} for a speed_mm_s of {self.speed_mm_s:g}")
         return self
 
+    def speeds_mm_s(self) -> tuple[float, float]:
+        """The lowest and the highest speed that have waves of their own: the tile is too short for higher ones."""
+        if self.process is None:
+            return self.speed_mm_s, self.speed_mm_s
+        given = [one.speed_mm_s for one in self.process]
+        highest = min(max(*given, LOWEST_SPEED_MM_S), self.tile_mm * float(EDGES_HZ[0]) / LEAST_WAVES)
+        return min(max(min(given), LOWEST_SPEED_MM_S), highest), highest
+
     def finest_mm(self) -> float:
         """The shortest wave."""
-        return max(self.speed_mm_s / float(EDGES_HZ[-1]), FINEST_WAVE_MM)
+        return max(self.speeds_mm_s()[0] / float(EDGES_HZ[-1]), FINEST_WAVE_MM)
 
     def points(self) -> int:
         """Of the tile."""

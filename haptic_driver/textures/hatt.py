@@ -1,13 +1,13 @@
-"""Vibration from a texture model of the Penn Haptic Texture Toolkit (Culbertson, Delgado and Kuchenbecker 2014).
+"""Processes of a texture model of the Penn Haptic Texture Toolkit (Culbertson, Delgado and Kuchenbecker 2014).
 
-A file has models of the acceleration of a tool, ARMA processes, each for a speed and a force; between them their line
-spectral frequencies are interpolated. The toolkit's files are for research only and not redistributable: none is here.
+A file has models of the acceleration of a tool, ARMA processes, each for a speed and a force. The toolkit's files are
+for research only and not redistributable: none is here.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -15,27 +15,44 @@ import numpy as np
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import read_text
 from haptic_driver.signals import Array
-from haptic_driver.textures.vibration import Vibration
+from haptic_driver.textures.bands import EDGES_HZ
+from haptic_driver.textures.process import power
 
 LARGEST_XML_BYTES = 4 << 20
-MOST_MODELS = 1000
+MOST_MODELS = 150  # so many fit a texture's file
 MOST_COEFFICIENTS = 100
-HIGHEST_RATE_HZ = 10e3
+LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 100.0, 10e3
 RATE_HZ = 1000.0  # where a file does not say
-SETTLE = 2000  # samples that a process is given to forget how it began
 HINT = "Give a file Models_NAME.xml of the Penn Haptic Texture Toolkit"
 
 
+class Process(NamedTuple):
+    """One model: noise of `variance`, in (m/s^2)^2, through a filter of coefficients `ar`, `ma`, without leading 1."""
+
+    speed_mm_s: float
+    normal_force_n: float
+    variance: float
+    ar: Array
+    ma: Array
+
+
 class Models(NamedTuple):
-    """`condition` [n, 2]: speed in m/s and force in N of each model; `numbers` [n, m]: its line spectral frequencies,
-    `ar` of its feedback and the rest of its excitation, then the standard deviation that drives it, gain included.
-    """
+    """All of a file, with the friction it says."""
 
     mu: float
     rate_hz: float
-    condition: Array
-    numbers: Array
-    ar: int
+    processes: list[Process]
+
+    def described(self, cof_rms: float) -> list[dict[str, Any]]:
+        """Tables `process` of a texture's file; the model that vibrates most in the nine bands has this friction."""
+        frequency_hz = np.arange(EDGES_HZ[0], EDGES_HZ[-1], 0.1)
+        powers = [one.variance * power(frequency_hz, self.rate_hz, one.ar, one.ma).sum() for one in self.processes]
+        shares = np.sqrt(powers / np.max(powers)).tolist()
+        return [
+            {"speed_mm_s": one.speed_mm_s, "normal_force_n": one.normal_force_n, "cof_rms": cof_rms * share}
+            | {name: side.tolist() for name, side in (("ar", one.ar), ("ma", one.ma)) if side.size}
+            for one, share in zip(self.processes, shares, strict=True)
+        ]
 
 
 def read(path: Path) -> Models:
@@ -51,43 +68,18 @@ def read(path: Path) -> Models:
     if root.tag != "modelSet" or not 0 < len(found) <= MOST_MODELS:
         raise _refused(path, f"has {len(found)} models in <{root.tag[:40]}>, not 1 to {MOST_MODELS} in <modelSet>")
     models = [_model(f"{path}: model {i + 1}", model) for i, model in enumerate(found)]
-    if len({(ar, len(numbers)) for _, numbers, ar in models}) > 1:
+    if len({(one.ar.size, one.ma.size) for one in models}) > 1:
         raise _refused(path, "has models of different orders")
+    if not max(one.variance for one in models) > 0.0:
+        raise _refused(path, "has no model that vibrates")
     rate_hz = _number(str(path), root, "SampleRate", RATE_HZ)
-    if not 10.0 <= rate_hz <= HIGHEST_RATE_HZ:
+    if not LOWEST_RATE_HZ <= rate_hz <= HIGHEST_RATE_HZ:
         raise _refused(path, f"has a SampleRate of {rate_hz:g}")
-    conditions, numbers, ar = zip(*models, strict=True)
-    return Models(_number(str(path), root, "mu"), rate_hz, np.array(conditions), np.array(numbers), ar[0])
-
-
-def synthesised(models: Models, speed_m_s: float, normal_force_n: float, seconds: float, seed: int) -> Vibration:
-    """Acceleration of the tool in m/s^2 at a speed and a force; BadInputError where no models lie around them."""
-    from scipy.interpolate import LinearNDInterpolator  # noqa: PLC0415  (slow to import)
-    from scipy.signal import lfilter  # noqa: PLC0415
-    from scipy.spatial import QhullError  # noqa: PLC0415
-
-    size = models.condition.max(axis=0)
-    at = np.array([speed_m_s, normal_force_n])
-    try:
-        numbers = LinearNDInterpolator(models.condition / size, models.numbers)(at / size)[0]
-    except (QhullError, ValueError):
-        numbers = np.full(models.numbers.shape[1], np.nan)
-    same = np.flatnonzero(np.all(np.isclose(models.condition, at, rtol=1e-6), axis=1))
-    if same.size:
-        numbers = models.numbers[same[0]]
-    if not np.all(np.isfinite(numbers)):
-        said = f"no models lie around {speed_m_s:.4g} m/s and {normal_force_n:.4g} N"
-        raise BadInputError(
-            "bad_hatt", said, f"Give a --speed and --normal-force among them: {_listed(models.condition)}"
-        )
-    feedback, excitation = polynomial(numbers[: models.ar]), polynomial(numbers[models.ar : -1])
-    count = SETTLE + round(seconds * models.rate_hz)
-    noise = numbers[-1] * np.random.default_rng(seed).standard_normal(count)
-    return Vibration(np.asarray(lfilter(excitation, feedback, noise))[SETTLE:], models.rate_hz)
+    return Models(_number(str(path), root, "mu"), rate_hz, models)
 
 
 def polynomial(lsf_rad: Array) -> Array:
-    """Coefficients [p + 1] of a filter from its line spectral frequencies [p], which increase in 0 to pi.
+    """Coefficients [p] of a filter from its line spectral frequencies [p], which increase in 0 to pi; no leading 1.
 
     Itakura 1975: the filter is half the sum of a symmetric and an antisymmetric polynomial with zeros on the circle.
     """
@@ -98,29 +90,28 @@ def polynomial(lsf_rad: Array) -> Array:
         antisymmetric = np.convolve(antisymmetric, [1.0, 0.0, -1.0])
     else:
         symmetric, antisymmetric = np.convolve(symmetric, [1.0, 1.0]), np.convolve(antisymmetric, [1.0, -1.0])
-    return 0.5 * (symmetric + antisymmetric)[:-1]
+    return 0.5 * (symmetric + antisymmetric)[1:-1]
 
 
-def _model(where: str, model: ElementTree.Element) -> tuple[tuple[float, float], list[float], int]:
-    """Condition, numbers and order of the feedback of one model."""
+def _model(where: str, model: ElementTree.Element) -> Process:
     feedback, excitation = _frequencies(where, model, "ARlsf"), _frequencies(where, model, "MAlsf")
-    if not feedback:
+    if not feedback.size:
         raise _refused(where, "has no ARlsf")
-    variance, gain = _number(where, model, "var"), _number(where, model, "gain", 1.0) if excitation else 1.0
+    variance, gain = _number(where, model, "var"), _number(where, model, "gain", 1.0) if excitation.size else 1.0
     speed_mm_s, force_n = _number(where, model, "speedMod"), _number(where, model, "forceMod")
     if variance < 0.0 or speed_mm_s < 0.0 or force_n < 0.0:
         raise _refused(where, "has a var, speedMod or forceMod below 0")
-    return (1e-3 * speed_mm_s, force_n), [*feedback, *excitation, abs(gain) * variance**0.5], len(feedback)
+    return Process(speed_mm_s, force_n, gain**2 * variance, polynomial(feedback), polynomial(excitation))
 
 
-def _frequencies(where: str, model: ElementTree.Element, name: str) -> list[float]:
+def _frequencies(where: str, model: ElementTree.Element, name: str) -> Array:
     values = [_as_number(where, name, value.text) for value in model.findall(f"{name}/value")]
     if not any(values):
-        return []
+        return np.empty(0)
     if len(values) > MOST_COEFFICIENTS or not np.all(np.diff([0.0, *values, np.pi]) > 0.0):
         said = f"has {len(values)} frequencies {name}, which must increase between 0 and pi"
         raise _refused(where, said)
-    return values
+    return np.array(values)
 
 
 def _number(where: str, parent: ElementTree.Element, name: str, default: float | None = None) -> float:
@@ -138,11 +129,6 @@ def _as_number(where: str, name: str, text: str | None) -> float:
     if not abs(value) < 1e9:
         raise _refused(where, f"has {name} = {(text or 'nothing').strip()[:40]}")
     return value
-
-
-def _listed(condition: Array) -> str:
-    speeds, forces = (condition[:, i] for i in (0, 1))
-    return f"{speeds.min():.4g} to {speeds.max():.4g} m/s, {forces.min():.3g} to {forces.max():.3g} N"
 
 
 def _refused(where: object, problem: str) -> BadInputError:

@@ -127,7 +127,7 @@ def _build_texture(described: description.TextureDescription, path: Path) -> Tex
             tile = FrictionMap(formulas.noise(described), pitch_m, described.stretch * pitch_m, "tile")
             texture = _placed(tile, [0.0, 0.0], described.rotation_deg)
         case description.SpectrumDescription():
-            texture = _placed(spectrum.spectrum(described, str(path)), [0.0, 0.0], described.direction_deg)
+            texture = spectrum.spectrum(described, str(path))
         case description.ProfileDescription():
             profile = Profile(*files.read_profile(path.parent / described.file), described.outside)
             texture = _placed(profile, described.origin_mm, described.direction_deg)

@@ -32,6 +32,7 @@ from haptic_driver.errors import BadInputError, HapticError
 from model.support.errors import nearest
 
 FRAME_PERIOD_S = 0.05
+PERIODS_S = (0.02, 1.0)
 FRAME_SAMPLES = 1000
 EVENT_PERIOD_S = 0.05
 PAGE = "/page"
@@ -91,8 +92,12 @@ def _streams(daemon: Daemon) -> APIRouter:
     router = APIRouter()
 
     @router.websocket("/state")
-    async def state(socket: WebSocket) -> None:
-        """A `StateFrame` every 50 ms, or as fast as the client takes them; always the newest."""
+    async def state(
+        socket: WebSocket,
+        period_s: Annotated[float, Query(ge=PERIODS_S[0], le=PERIODS_S[1])] = FRAME_PERIOD_S,
+        column: Annotated[list[str], Query()] = [],  # noqa: B006 - FastAPI copies it
+    ) -> None:
+        """A `StateFrame` every `period_s`, or as fast as the client takes them; always the newest."""
         newest_tick = 0
 
         def next_frame() -> str:
@@ -100,12 +105,12 @@ def _streams(daemon: Daemon) -> APIRouter:
             samples = daemon.samples(newest_tick, FRAME_SAMPLES)
             if samples.size:
                 newest_tick = int(samples["tick"][-1])
-            return state_frame(daemon.status(), samples).model_dump_json()
+            return state_frame(daemon.status(), samples, column).model_dump_json()
 
         async def send_frames() -> None:
             while True:
                 await socket.send_text(await to_thread.run_sync(next_frame))
-                await asyncio.sleep(FRAME_PERIOD_S)
+                await asyncio.sleep(period_s)
 
         await socket.accept()
         await _until_gone(socket, send_frames())

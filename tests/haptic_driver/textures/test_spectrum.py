@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.signals import FingerState
 from haptic_driver.textures.library import load_texture
+from haptic_driver.textures.process import coefficients, reflections
 
 EDGES_HZ = [12.5 * 2.0 ** (2.0 * k / 3.0) for k in range(10)]
 HEAD = 'kind = "spectrum"\nmean_cof = 0.7\n'
@@ -24,6 +26,16 @@ def series(texture, tile_m=0.064, speed_m_s=0.05):
     count = 1 << 16
     cof = texture.cof_at(tile_m * np.arange(count) / count, np.zeros(count))
     return np.arange(1, count // 2) * speed_m_s / tile_m, 2.0 * np.abs(np.fft.rfft(cof)[1:-1] / count) ** 2
+
+
+def ringing(frequency_hz):
+    """Coefficients of a process that rings at a frequency, at 2000 samples per second."""
+    return np.poly(0.98 * np.exp(np.array([1j, -1j]) * math.tau * frequency_hz / 2000.0)).real[1:].tolist()
+
+
+def process(speed_mm_s, normal_force_n, ar, more="", rate="rate_hz = 2000\n"):
+    about = f"speed_mm_s = {speed_mm_s}\nnormal_force_n = {normal_force_n}\ncof_rms = 0.02\n"
+    return f"{rate}[[process]]\n{about}ar = {ar}\n{more}"
 
 
 def in_bands(texture, **crossed):
@@ -71,11 +83,56 @@ def test_a_beta_form_has_its_energy_and_the_mean_and_spread_of_its_distribution(
 
 
 def test_an_autoregressive_form_rings_where_its_poles_are(tmp_path):
-    coefficients = np.poly(0.98 * np.exp(np.array([1j, -1j]) * math.tau * 150.0 / 2000.0)).real[1:]
-    text = f"cof_rms = 0.05\nar = {coefficients.tolist()}\nrate_hz = 2000\n"
+    text = f"cof_rms = 0.05\nar = {ringing(150.0)}\nrate_hz = 2000\n"
     frequency_hz, square = series(load(tmp_path, text))
     assert math.sqrt(square.sum()) == pytest.approx(0.05, rel=0.01)
     assert frequency_hz[square.argmax()] == pytest.approx(150.0, abs=2.0)
+
+
+def finger(speed_m_s, normal_force_n, x_m, y_m=0.0):
+    return FingerState(0.0, x_m, y_m, speed_m_s, 0.0, normal_force_n, True)
+
+
+def test_processes_change_with_speed_and_load_and_stay_where_they_are(tmp_path):
+    given = ((20, 0.2, 100.0), (20, 1.0, 200.0), (160, 0.2, 300.0), (160, 1.0, 400.0))
+    text = "".join(process(v, n, ringing(f), rate="" if i else "rate_hz = 2000\n") for i, (v, n, f) in enumerate(given))
+    texture = load(tmp_path, text)
+    for speed_mm_s, load_n, ring_hz in (*given, (160, 3.0, 400.0), (300, 0.2, 300.0 * 300 / 160)):
+        met = texture.under(1e-3 * speed_mm_s, load_n)
+        frequency_hz, square = series(met, speed_m_s=1e-3 * speed_mm_s)
+        assert math.sqrt(square.sum()) == pytest.approx(0.02, rel=0.02)
+        assert frequency_hz[square.argmax()] == pytest.approx(ring_hz, rel=0.04)
+    # Between them everything lies between, and neighbouring speeds have nearly the same waves: it is one surface.
+    met = [texture.under(speed_m_s, 0.2) for speed_m_s in (0.060, 0.062)]
+    frequency_hz, square = series(met[0], speed_m_s=0.060)
+    assert 100.0 < frequency_hz[square.argmax()] < 300.0
+    first, second = (one.cof_at(np.linspace(0.0, 0.064, 5000), np.zeros(5000)) for one in met)
+    assert np.corrcoef(first, second)[0, 1] > 0.97
+    # The ticks ask the same as pictures do, by the finger's own speed and load; who rests is at the slowest.
+    ahead_s = np.arange(20) * 5e-5
+    along = texture.cof_along(finger(0.08, 0.6, 0.01), ahead_s)
+    assert along == pytest.approx(texture.under(0.08, 0.6).cof_at(0.01 + 0.08 * ahead_s, np.zeros(20)))
+    assert texture.cof_under(finger(0.08, 0.6, 0.01)) == pytest.approx(along[0])
+    assert texture.cof_under(finger(0.0, 0.2, 0.01)) == pytest.approx(texture.under(0.02, 0.2).cof_at(0.01, 0.0))
+    assert math.isnan(texture.cof_under(finger(0.0, 0.2, math.inf)))
+
+
+def test_processes_on_one_line_of_speeds_are_enough(tmp_path):
+    texture = load(tmp_path, process(20, 0.5, ringing(100.0)) + process(80, 0.5, ringing(200.0), rate=""))
+    frequency_hz, square = series(texture.under(0.08, 0.7), speed_m_s=0.08)
+    assert frequency_hz[square.argmax()] == pytest.approx(200.0, rel=0.04)
+
+
+@pytest.mark.parametrize("order", [1, 2, 7, 30])
+def test_any_mixture_of_two_processes_that_die_away_dies_away(order):
+    rng = np.random.default_rng(order)
+    for _ in range(20):
+        zeros = 0.99 * np.sqrt(rng.random((2, order // 2))) * np.exp(1j * math.pi * rng.random((2, order // 2)))
+        pair = [np.poly([*z, *z.conj(), *([0.9] if order % 2 else [])]).real[1:] for z in zeros]
+        one, other = (reflections(ar) for ar in pair)
+        assert coefficients(one) == pytest.approx(pair[0], abs=1e-6)
+        mixture = coefficients(0.3 * one + 0.7 * other)
+        assert np.abs(np.roots([1.0, *mixture])).max() < 1.0
 
 
 def test_it_repeats_without_a_seam_and_in_its_direction(tmp_path):
@@ -87,7 +144,7 @@ def test_it_repeats_without_a_seam_and_in_its_direction(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "one of band_cof_rms, beta and ar, not none"),
+        ("", "one of band_cof_rms, beta, ar and process, not none"),
         (BANDS + "beta = [1.0, 2.0]\ncof_rms = 0.1\n", "not band_cof_rms, beta"),
         ("beta = [1.0, 2.0]\n", "'cof_rms' goes together with beta or ar"),
         (BANDS + "cof_rms = 0.1\n", "'cof_rms' goes together with beta or ar"),
@@ -98,6 +155,12 @@ def test_it_repeats_without_a_seam_and_in_its_direction(tmp_path):
         (BANDS + "tile_mm = 10\n", "'tile_mm': 16 to 130.2"),
         (BANDS + "perceptual_gain = 10\n", "friction goes from -"),
         ("cof_rms = 0.1\nar = [-1.0]\nrate_hz = nan\n", "rate_hz"),
+        (BANDS + "ma = [0.1]\n", "'ma' goes together with ar"),
+        (process(20, 0.5, [-1.1]), "key 'ar' has a zero on or outside the unit circle"),
+        (process(20, 0.5, [0.0, 1.0]), "key 'ar' has a zero on or outside the unit circle"),
+        (process(20, 0.5, [0.1], "ma = [-2.0]\n"), "key 'ma' has a zero on or outside the unit circle"),
+        (process(20, 0.5, [0.1]) + process(40, 0.5, [0.1, 0.1], rate=""), "unequal numbers of coefficients"),
+        (process(20, 0.5, [0.1], rate=""), "'rate_hz' goes together with ar or process"),
     ],
 )
 def test_what_makes_no_sense_is_refused_with_the_file_and_the_key(tmp_path, text, words):

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from haptic_driver.config import texture_dirs
@@ -44,6 +45,9 @@ def test_grains_spectra_and_scripts(page):
     low, high = load("./weave.toml", texture_dirs()).target.bounds()
     assert 0.5 < low < 0.65
     assert 0.71 < high < 0.9
+    tweed = load("./tweed.toml", texture_dirs()).target
+    slow, fast = (tweed.under(speed_m_s, 0.5).cof_at(np.linspace(0.0, 0.064, 5000), 0.0) for speed_m_s in (0.02, 0.12))
+    assert (slow.std(), fast.std()) == pytest.approx((0.012, 0.020), rel=0.05)
     assert load("./edge.csv", texture_dirs()).kind == "profile"
     for name in ("./trial.csv", "./trial.toml"):
         labels = [m.label for m in load(name, texture_dirs()).target.markers(-1.0, 10.0)]
@@ -52,7 +56,7 @@ def test_grains_spectra_and_scripts(page):
 
 
 def test_every_toml_block_is_tried(page):
-    assert len(NAMED.findall(page)) == len(re.findall(r"```(?:toml|csv|json)\n", page)) == 14
+    assert len(NAMED.findall(page)) == len(re.findall(r"```(?:toml|csv|json)\n", page)) == 15
 
 
 def test_python(page, tmp_path):

@@ -12,8 +12,8 @@ import { drawTimePlot } from "./timeplot.js";
 import { Why } from "./why.js";
 
 const SPANS_S = [10, 60, 600];
-const SAMPLES_MS = 250; // between looks at the ticks themselves
-const MOST_SAMPLES = 2000; // a busy machine may keep the page waiting
+const FRAME_S = 0.1; // between frames: each wakes four processes of the browser
+const COLUMNS = ["tick", "time_s", "in_contact", "output_on", "target_cof", "measured_cof", "expected_cof", "normal_force_n", "voltage_v", "position_x_m", "position_y_m"];
 const SLOW_MS = 1000; // between looks at what seldom changes: the surface, a texture that is in no library
 const TRAIL_EVERY = 8; // ticks
 const POINTS = 30; // frames of which the operating point is remembered
@@ -23,14 +23,15 @@ const LATE_S = 10; // frames of which the ticks are summed up
 
 const $ = (id) => document.getElementById(id);
 const page = {
-  status: null, newest: null, frames: [], linked: false, awaited: 0, fetching: false, newestTick: 0, newestS: 0, wallS: 0,
-  surfaceOf: null, textures: [], selected: "", textureOf: null, history: new History(SPANS_S), spanS: SPANS_S[0], paused: null, readMs: 0, plotMs: 0, state: "",
+  status: null, newest: null, frames: [], linked: false, awaited: 0, newestS: 0, wallS: 0,
+  surfaceOf: null, textures: null, selected: "", textureOf: null, history: new History(SPANS_S), spanS: SPANS_S[0], paused: null, readMs: 0, plotMs: 0, state: "",
 };
 readTheme();
-const screen = new Screen($("texture-map"), $("finger"), { marks: $("marks"), here: $("here"), ahead: $("ahead"), nobody: $("nobody") });
+const screen = new Screen($("texture-map"), $("finger"), { trailed: $("trail"), marks: $("marks"), here: $("here"), ahead: $("ahead"), nobody: $("nobody") });
 const surface = new Surface($("surface-map"), $("surface"), $("surface-said"));
 const controls = new Controls((name) => { page.selected = name; showTexture(); });
 const happened = new Happened();
+const inSight = new Set();
 const why = new Why(controls);
 
 // --- what there is to show ----------------------------------------------------------------------------------------
@@ -55,12 +56,8 @@ async function fetchSurface() {
 }
 
 // The ticks themselves: textures are too fast for the frames.
-async function fetchSamples() {
-  if (!page.linked || page.fetching) return;
-  page.fetching = true;
-  const columns = await quietly(() => ask("GET", `/samples?since=${page.newestTick}&most=${MOST_SAMPLES}`));
-  page.fetching = false;
-  if (!columns?.tick.length || !page.status) return;
+function take(columns) {
+  if (!columns.tick.length) return;
   const { reachable_cof: [reachLow, reachHigh], current_rms_a } = page.status, places = [];
   columns.tick.forEach((tick, i) => {
     const on = columns.output_on[i], touching = columns.in_contact[i] > 0;
@@ -72,7 +69,6 @@ async function fetchSamples() {
     if (tick % TRAIL_EVERY === 0 && touching && columns.position_x_m[i] !== null)
       places.push({ time_s: columns.time_s[i], x_m: columns.position_x_m[i], y_m: columns.position_y_m[i], cof: columns.measured_cof[i] });
   });
-  page.newestTick = columns.tick.at(-1);
   page.newestS = columns.time_s.at(-1);
   screen.follow(places, page.newestS);
   if (page.paused || performance.now() - page.plotMs < READ_MS) return;
@@ -83,7 +79,7 @@ async function fetchSamples() {
 // What plays, or what is selected while nothing does.
 function showTexture() {
   const { status, selected } = page;
-  if (!status) return;
+  if (!status || !page.textures) return;
   screen.reach = status.reachable_cof;
   const playing = status.state === "rendering", name = playing ? status.texture : selected;
   const of = JSON.stringify([playing, name, playing && name === null ? status.target_cof : 0]);
@@ -118,12 +114,12 @@ async function fetchNames() {
 }
 
 setInterval(fetchSurface, SLOW_MS);
+setInterval(() => { if (page.linked && !page.textures) fetchNames(); }, SLOW_MS);
 setInterval(() => { if (screen.coarse && page.linked) showPlaying(); }, SLOW_MS);
-setInterval(fetchSamples, SAMPLES_MS);
 
 // --- the daemon is heard ------------------------------------------------------------------------------------------
 
-function onFrame({ time_s, unix_time_s, status, newest, ticks }) {
+function onFrame({ time_s, unix_time_s, status, newest, ticks, samples }) {
   const first = !page.linked, now = performance.now() / 1000;
   Object.assign(page, { linked: true, status, newest, wallS: unix_time_s - time_s });
   page.frames.push({ time_s: now, newest, ticks });
@@ -135,18 +131,19 @@ function onFrame({ time_s, unix_time_s, status, newest, ticks }) {
     fetchNames();
     fetchSurface();
   }
+  take(samples);
   if (!page.awaited) page.awaited = requestAnimationFrame(show);
 }
 
 function onLost() {
-  Object.assign(page, { linked: false, frames: [], status: null, newest: null, newestTick: 0, textureOf: null, surfaceOf: null });
+  Object.assign(page, { linked: false, frames: [], status: null, newest: null, textureOf: null, surfaceOf: null });
   page.history.clear();
   document.body.dataset.link = "lost";
   $("link").textContent = "connection lost";
   show();
 }
 
-new Stream("/state", { message: onFrame, lost: onLost, chatty: true });
+new Stream(`/state?${new URLSearchParams([["period_s", FRAME_S], ...COLUMNS.map((name) => ["column", name])])}`, { message: onFrame, lost: onLost, chatty: true });
 new Stream("/events", { opened: () => happened.begin(), message: (event) => happened.add(event) });
 
 // --- showing ------------------------------------------------------------------------------------------------------
@@ -170,7 +167,7 @@ function show() {
     if (status) showTexture();
     if (status) showFigures(status, newest);
     const on = page.frames.slice(-POINTS).map((f) => f.newest).filter((n) => n?.output_on && n.frequency_hz > 0);
-    surface.operates(newest?.output_on && newest.frequency_hz > 0 ? newest : null, on);
+    if (inSight.has($("surface"))) surface.operates(newest?.output_on && newest.frequency_hz > 0 ? newest : null, on);
   }
   screen.moved(finger(newest));
 }
@@ -243,13 +240,13 @@ function showTime() {
 
 // --- what the user looks at ---------------------------------------------------------------------------------------
 
-const inSight = new Set();
-new IntersectionObserver((entries) => {
+const watching = new IntersectionObserver((entries) => {
   for (const { target, isIntersecting } of entries) {
     if (isIntersecting) inSight.add(target); else inSight.delete(target);
   }
   showTime();
-}).observe($("friction"));
+});
+for (const id of ["friction", "surface"]) watching.observe($(id));
 
 $("pause").addEventListener("click", () => {
   page.paused = page.paused ? null : { ...page.history.shown(page.spanS), nowS: page.newestS };

@@ -4,11 +4,10 @@ import { SCALE, theme } from "./palette.js";
 
 const FONT = "12px system-ui, 'DejaVu Sans', sans-serif";
 
-// A clean picture as large as a canvas is shown, with a pen in its pixels; the canvas gets it once all of it is drawn.
+// A clean picture as large as a canvas is shown, or as said, with a pen in its pixels; the canvas gets it once all of it is drawn.
 // A canvas that is drawn on itself is composed anew in every frame of the page, also while nothing is drawn.
-export function begin(canvas) {
+export function begin(canvas, width = canvas.clientWidth, height = canvas.clientHeight) {
   const ratio = window.devicePixelRatio || 1;
-  const { clientWidth: width, clientHeight: height } = canvas;
   const picture = new OffscreenCanvas(Math.max(Math.round(width * ratio), 1), Math.max(Math.round(height * ratio), 1));
   queueMicrotask(() => canvas.getContext("bitmaprenderer").transferFromImageBitmap(picture.transferToImageBitmap()));
   const pen = picture.getContext("2d");

@@ -12,7 +12,8 @@ const TRAIL_GAP_S = 0.06; // a trail does not bridge longer ones
 const PAN_SHARE = 0.2; // of what is shown, by an arrow key
 
 export class Screen {
-  // `map`: the canvas of the texture, `over`: that of the trail, of the same size; `marks` {marks, here, ahead, nobody}: elements on top.
+  // `map`: the canvas of the texture; `over`: what is pointed at, as large; `marks` {trailed, marks, here, ahead, nobody}: elements
+  // on top, the first a canvas as large as the trail.
   constructor(map, over, marks) {
     Object.assign(this, { map, over, ...marks });
     this.size_m = [0.1, 0.06];
@@ -216,13 +217,18 @@ export class Screen {
 
   // Coloured by measured friction on the scale of the texture, with an edge that is seen on any colour.
   drawTrail() {
-    const { pen } = begin(this.over), { at } = this;
-    pen.beginPath(); pen.rect(at.left, at.top, at.w, at.h); pen.clip();
+    const { at, trailed } = this;
     const points = this.trail.flatMap((p, i) => {
       const point = [at.x(p.x_m), at.y(p.y_m)];
       return i && p.time_s - this.trail[i - 1].time_s > TRAIL_GAP_S ? [null, point] : [point];
     });
     if (this.finger?.touching && points.length) points.push([at.x(this.finger.x_m), at.y(this.finger.y_m)]); // not measured yet
+    const [left, right] = extent(points, 0, at.left, at.left + at.w), [top, bottom] = extent(points, 1, at.top, at.top + at.h);
+    trailed.hidden = !(right > left && bottom > top);
+    if (trailed.hidden) return;
+    Object.assign(trailed.style, { left: `${left}px`, top: `${top}px`, width: `${right - left}px`, height: `${bottom - top}px` });
+    const { pen } = begin(trailed, right - left, bottom - top);
+    pen.translate(-left, -top);
     line(pen, points, { colour: "#000", width: 9 });
     line(pen, points, { colour: "#fff", width: 6.5 });
     pen.lineWidth = 4.5;
@@ -233,4 +239,10 @@ export class Screen {
       pen.beginPath(); pen.moveTo(at.x(from.x_m), at.y(from.y_m)); pen.lineTo(at.x(to.x_m), at.y(to.y_m)); pen.stroke();
     }
   }
+}
+
+// From where to where a trail goes along an axis, its width included, between two ends.
+function extent(points, axis, low, high) {
+  const along = points.filter((point) => point).map((point) => point[axis]);
+  return [Math.max(Math.floor(Math.min(...along) - 6), Math.floor(low)), Math.min(Math.ceil(Math.max(...along) + 6), Math.ceil(high))];
 }

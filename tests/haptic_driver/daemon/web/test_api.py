@@ -345,6 +345,19 @@ def test_the_state_stream_sums_up_ticks(unix, tmp_path):
     counts = dict(zip(first["ticks"]["lateness_edges_s"], first["ticks"]["lateness_counts"], strict=True))
     assert {edge: count for edge, count in counts.items() if count} == {10e-6: 2, 2e-3: 1, 5e-3: 1}
     assert second["ticks"]["count"] == 1
+    assert first["samples"] == {}
+
+
+def test_the_state_stream_brings_the_columns_that_are_asked_for_of_all_ticks(unix, tmp_path):
+    asked = "ws://haptic/state?period_s=0.02&column=tick&column=measured_cof&column=mood"
+    with unix_connect(str(tmp_path / "d.sock"), asked) as stream:
+        first, second = (json.loads(stream.recv(HANG_S))["samples"] for _ in range(2))
+    assert first.keys() == second.keys() == {"tick", "measured_cof"}
+    assert len(first["tick"]) == len(first["measured_cof"]) == 4
+    assert second["tick"][0] > first["tick"][-1]
+    assert first["measured_cof"][-1] is None
+    with pytest.raises(InvalidStatus), unix_connect(str(tmp_path / "d.sock"), "ws://haptic/state?period_s=0"):
+        pass
 
 
 def test_events_come_once_each_and_in_order(unix, control, tmp_path):

@@ -24,7 +24,7 @@ from tests.haptic_driver.daemon.web.served_page import (
 from tests.waiting import until
 
 TILES_ASKED = "performance.getEntriesByType('resource').filter((one) => one.name.includes('/tile?')).length"
-PLOTS = ["friction", "surface", "finger"]
+PLOTS = ["friction", "surface", "trail"]
 
 
 @pytest.fixture
@@ -90,6 +90,7 @@ def test_a_page_without_the_token_says_that_it_is_not_connected(browser, served)
 def test_the_plots_move(page):
     arm_and_set(page)
     for plot in PLOTS:
+        page.locator(f"#{plot}").evaluate("(one) => one.scrollIntoView()")  # what nobody sees is not drawn
         await_change(page, plot)
 
 
@@ -230,13 +231,21 @@ def test_friction_is_bounded_by_what_is_within_reach(page):
     assert float(page.input_value("#cof")) == 0.9
 
 
+def test_a_page_opened_while_a_texture_plays_shows_the_texture_itself(browser, control, served):
+    """Not the coarse map of what is in no library: its name may come before those of the library."""
+    control.play(control.arm(60.0, "a test").token, "linen", nearest=False)
+    page = opened(browser, served)
+    text(page, "#shown", "linen")
+    page.context.close()
+
+
 def test_a_paused_plot_stands_still_and_goes_on(page):
     await_change(page, "friction")
     page.click("#pause")
     text(page, "#pause", "Resume")
     before = pixels(page, "friction")
     for _ in range(2):
-        await_change(page, "finger")  # samples go on
+        await_change(page, "trail")  # samples go on
     assert pixels(page, "friction") == before
     page.click("#pause")
     await_change(page, "friction")

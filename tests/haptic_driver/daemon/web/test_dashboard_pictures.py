@@ -122,19 +122,23 @@ def test_a_grating_of_1_mm_shows_its_lines_and_its_grain(page):
 
 
 def test_the_trail_has_the_colour_of_measured_friction(page):
-    """The finger goes round, and friction grows with y."""
+    """The finger goes round, 20 mm around 30, 30 mm, and friction grows with y."""
     shown(page, "linen")
+    inside = page.locator("#marks").bounding_box()
 
     def whole_turn():
-        pixels = screen(page, "finger")
+        pixels = canvas(page, "trail")
         coloured = (pixels[..., 3] > 250) & (np.ptp(pixels[..., :3], axis=-1) > 60)
         rows = np.nonzero(coloured)[0]
-        return None if not rows.size or np.ptp(rows) < 0.6 * len(pixels) else (pixels, coloured, rows)
+        return None if not rows.size or np.ptp(rows) < 0.6 * inside["height"] else (pixels, coloured, rows)
 
     pixels, coloured, rows = until(whole_turn)
     light = brightness(pixels)
     upper, lower = rows.min() + 4, rows.max() - 4
     assert light[:upper][coloured[:upper]].mean() + 100.0 < light[lower:][coloured[lower:]].mean()
+    box, pixels_per_mm = page.locator("#trail").bounding_box(), inside["width"] / SCREEN_MM[0]
+    assert box["y"] - inside["y"] == pytest.approx(10.0 * pixels_per_mm, abs=8.0)  # half of its width, and an edge
+    assert box["x"] - inside["x"] == pytest.approx(10.0 * pixels_per_mm, abs=8.0)
 
 
 def test_the_ring_is_light_and_dark(page):
@@ -206,8 +210,8 @@ def test_nothing_is_cut_with_all_flags_and_a_refusal(page, control, width, heigh
         for b in boxes[i + 1 :]:
             apart_x = a["x"] + a["width"] <= b["x"] or b["x"] + b["width"] <= a["x"]
             assert apart_x or a["y"] + a["height"] <= b["y"] or b["y"] + b["height"] <= a["y"]
-    areas = {name: canvas(page, name)[..., 0].size for name in ("finger", "friction", "surface")}
-    assert max(areas, key=areas.__getitem__) == "finger"
+    areas = {name: canvas(page, name)[..., 0].size for name in ("texture-map", "friction", "surface")}
+    assert max(areas, key=areas.__getitem__) == "texture-map"
     page.click("#refusal-close")
 
 
