@@ -39,10 +39,11 @@ class Felt(NamedTuple):
 
 
 class TouchByCurrent:
-    """The touch as one reading after another tells it; `load_n`: a finger's usual one."""
+    """The touch as one reading after another tells it; `load_n`: a finger's usual one, `stray_f`: beside the finger."""
 
-    def __init__(self, description: ModelDescription, load_n: float) -> None:
-        self._model, self._load_n = TouchModel(description), load_n
+    def __init__(self, description: ModelDescription, load_n: float, stray_f: float = 0.0) -> None:
+        beside = {"stray_capacitance_f": replace(description.parameters["stray_capacitance_f"], value=stray_f)}
+        self._own, self._load_n = replace(description, parameters=description.parameters | beside), load_n
         self._off, self._covariance = np.zeros(SPREAD.size), np.diag(SPREAD**2)
 
     def felt(self, frequency_hz: float, reading: ElectrodeReading, elapsed_s: float) -> Felt | None:
@@ -69,7 +70,7 @@ class TouchByCurrent:
     def _expected(self, frequency_hz: float, voltage_v: float, off: Array) -> tuple[Felt, complex]:
         """What such a finger feels, and its current per volt."""
         log_load, _, _, wetness, log_roughness = map(float, off)
-        load_n, own = self._load_n * float(np.exp(log_load)), self._model.description
+        load_n, own = self._load_n * float(np.exp(log_load)), self._own
         usual = own.parameters["roughness_rms_m"]
         rough = {"roughness_rms_m": replace(usual, value=usual.value * float(np.exp(log_roughness)))}
         known = own.effect_parameters.get(SkinHydration.name, {}).get("wetness")

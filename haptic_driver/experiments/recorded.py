@@ -196,8 +196,8 @@ def _strokes(samples: NDArray[np.void], settling_s: float) -> Iterator[slice]:
 
     Before the first sample nobody knows; what was commanded is felt within `settling_s`.
     """
-    saturated = (samples["flags"] & int(Flag.SATURATED_SENSOR)) > 0  # stays up until the next arming: nobody knows
-    usable = np.isfinite(samples["measured_cof"]) & ~saturated
+    unmeasured = int(Flag.SATURATED_SENSOR | Flag.FRICTION_FROM_CURRENT)  # both stay up until the next arming
+    usable = np.isfinite(samples["measured_cof"]) & (samples["flags"] & unmeasured == 0)
     usable &= (samples["in_contact"] > 0) & (samples["speed_m_s"] >= SLOWEST_M_S)
     time_s = samples["time_s"]
     usable &= time_s >= time_s[0] + settling_s
