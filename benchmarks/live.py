@@ -3,6 +3,7 @@
 The finger is that of the blind generator, which shares no code with the model; its moisture has another form than the
 catalogue's. Time is simulated, one tick per millisecond, and the drive an envelope on a carrier of 200 Hz. Limits of
 contact current are lifted, so that 10 kHz reaches some friction. Judged is the friction behind wobble and sensor noise.
+Without a force sensor the load is taken for the usual one, or estimated with friction from readings of the electrode.
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import beta, chi2
 
 from benchmarks.claim import Claim
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.agreement import Agreement, Window
+from haptic_driver.daemon.touch_by_current import TouchByCurrent
 from haptic_driver.experiments.mending import Mended, mend
 from haptic_driver.experiments.recorded import Recorded, cut
 from haptic_driver.limits import OperatingLimits
@@ -37,8 +40,10 @@ from haptic_driver.surface.file import ready_for_lookup
 from haptic_driver.surface.models import load_model
 from haptic_driver.textures.library import load_texture
 from hw.finger.plant import FingerPlant
+from hw.monitor.contract import ElectrodeReading
 from model.description import ModelDescription
 from tests.blind.generator.effects_electric import skin_hydration
+from tests.blind.generator.electrode import touch_admittance
 from tests.blind.generator.nuisance import ROUGHNESS, draw_finger
 from tests.blind.generator.touch import Finger, Rows, friction, prepare
 
@@ -50,57 +55,77 @@ LIMITS = OperatingLimits(150.0, 1.0, 1e6, contact_current_a_rms=((1.0, 1.0), (1e
 AXES = SurfaceAxes(frequency_low_hz=100.0, frequency_high_hz=20e3, frequency_count=40, voltage_count=76)
 LAW = FeedbackSettings(LATENCY_TICKS * TICK_S)
 FIXED, GAINS, MENDED = ARMS = ("fixed model", "two gains", "mended")
+CURRENT = "current only"
 TEXTURES = ("grating", "linen")
 FINGERS = (1, 2)  # seeds
 WORKERS = 2
 DURATION_S, VISIT_S, PERIOD_S = 600.0, 10.0, 60.0  # of sliding, once in a period, off the screen in between
 MEND_EVERY_S, HELD_OUT_S, CHANGE_EVERY_S = 5.0, 2.0, 2.5
 WOBBLE, WOBBLE_S, NOISE_N = 0.02, 0.010, 0.003
+RISES = 0.2  # of friction without voltage, from dry to moist
+USUAL_N, READ_EVERY_S, CURRENT_NOISE = 0.5, 0.02, 0.01  # without a force sensor; the noise is relative, of each part
+STRAY_F, STRAY_OFF = 300e-12, 0.01  # so well does the open circuit tell it
 NODES_S = 10.0
 V2_NODES = np.linspace(0.0, 150.0**2, 31)
 LOAD_NODES = np.geomspace(0.15, 1.2, 8)
 
 
 class Skin:
-    """Friction of one independent finger over time: tables over load and voltage squared, every NODES_S."""
+    """Friction and current per volt of one independent finger over time: tables over load and voltage squared, every
+    NODES_S. `cof_off`: friction without voltage when dry, if not the finger's own; wet it is a share `rises` higher.
+    """
 
-    def __init__(self, seed: int, duration_s: float, frequency_hz: float) -> None:
+    def __init__(
+        self, seed: int, duration_s: float, frequency_hz: float, cof_off: float | None = None, rises: float = RISES
+    ) -> None:
         rng = np.random.default_rng(seed)
         finger, wettest, film_m = draw_finger(rng), rng.uniform(0.8, 1.6), rng.uniform(0.02e-6, 0.10e-6)
-        finger = replace(finger, mu_off=rng.uniform(0.42, 0.55))
+        own = rng.uniform(0.42, 0.55)
+        finger = replace(finger, mu_off=own if cof_off is None else cof_off)
         self._tables = []
         for time_s in np.arange(0.0, duration_s + 2.0 * NODES_S, NODES_S):
             wet, grown = np.sin(np.pi * time_s / 600.0) ** 2, time_s / 600.0
-            now = replace(finger, mu_off=finger.mu_off * (1.0 + 0.2 * wet), gap_offset=film_m * grown)
+            now = replace(finger, mu_off=finger.mu_off * (1.0 + rises * wet), gap_offset=film_m * grown)
             self._tables.append(table(now, wettest * wet, frequency_hz))
 
     def at(self, time_s: float, load_n: float) -> Array:
         """Coefficient of friction over V2_NODES."""
+        return self._at(time_s, load_n)[0].real
+
+    def admittance_s(self, time_s: float, power_v2: float, load_n: float) -> complex:
+        """Current per volt, the stray one not included."""
+        return complex(np.interp(power_v2, V2_NODES, self._at(time_s, load_n)[1]))
+
+    def _at(self, time_s: float, load_n: float) -> NDArray[np.complex128]:
         k, share = divmod(time_s / NODES_S, 1.0)
         position = np.log(load_n / LOAD_NODES[0]) / np.log(LOAD_NODES[1] / LOAD_NODES[0])
         j, b = divmod(min(max(position, 0.0), LOAD_NODES.size - 1.001), 1.0)
         first, then = (self._tables[int(k) + n][int(j) : int(j) + 2] for n in (0, 1))
-        return (1.0 - share) * ((1.0 - b) * first[0] + b * first[1]) + share * ((1.0 - b) * then[0] + b * then[1])
+        between = (1.0 - share) * ((1.0 - b) * first[0] + b * first[1]) + share * ((1.0 - b) * then[0] + b * then[1])
+        return np.asarray(between)
 
     def cof(self, time_s: float, voltage_v: float, load_n: float) -> float:
         return float(np.interp(voltage_v**2, V2_NODES, self.at(time_s, load_n)))
 
 
-def table(finger: Finger, wetness: float, frequency_hz: float) -> Array:
+def table(finger: Finger, wetness: float, frequency_hz: float) -> NDArray[np.complex128]:
+    """Friction and current per volt over LOAD_NODES and V2_NODES [n, 2, m]."""
     load_n, v2 = (grid.ravel() for grid in np.meshgrid(LOAD_NODES, V2_NODES, indexing="ij"))
     rows = Rows(np.full(v2.size, frequency_hz), np.sqrt(v2), load_n, np.full(v2.size, 0.02), np.zeros(v2.size))
     state = prepare(rows, finger, ROUGHNESS)
     skin_hydration(state, wetness, {"fall": 1.0}, True)
-    return friction(state).reshape(LOAD_NODES.size, V2_NODES.size)
+    both = np.stack([friction(state), touch_admittance(state)]).reshape(2, LOAD_NODES.size, V2_NODES.size)
+    return both.transpose(1, 0, 2)
 
 
 class Result(NamedTuple):
-    """One finger, texture and arm: share of reachable sliding time within 5 %, friction right after a change of carrier
-    relative to what was wanted [n], the same had the rise's gain been held over, jumps of voltage at swaps [m], V, and
-    how many models were mended and dropped.
+    """One finger, texture and arm: share of reachable sliding time within 5 %, how far friction is off then, relative,
+    in the root mean square; friction right after a change of carrier relative to what was wanted [n], the same had the
+    rise's gain been held over, jumps of voltage at swaps [m], V, and how many models were mended and dropped.
     """
 
     within: float
+    error: float
     changed: Array
     held: Array
     jumps_v: Array
@@ -155,11 +180,11 @@ def slid(time_s: float) -> tuple[float, float, float]:
 class Bench:
     """One finger rendered on by one arm."""
 
-    def __init__(self, kind: str, texture: str, seed: int) -> None:
-        self.skin, self.other = Skin(seed, DURATION_S, CARRIER_HZ), Skin(seed, DURATION_S, OTHER_HZ)
+    def __init__(self, kind: str, texture: str, seed: int, *finger: float) -> None:
+        self.skin, self.other = (Skin(seed, DURATION_S, hz, *finger) for hz in (CARRIER_HZ, OTHER_HZ))
         self.arm, self.state = Arm(kind, texture), TickState()
         self._rng = np.random.default_rng([seed, 1])
-        self.within: list[bool] = []
+        self.off: list[float] = []
         self.changed: list[float] = []
         self.held: list[float] = []
         self.jumps_v: list[float] = []
@@ -176,7 +201,8 @@ class Bench:
             plant.step(TICK_S, CARRIER_HZ, on_way.popleft() ** 0.5, load_n, abs(speed_m_s))
             wobble = kept * wobble + (1.0 - kept**2) ** 0.5 * noise[i, 0]
             lateral_n = plant.lateral_force_n * (1.0 + WOBBLE * wobble) + NOISE_N * noise[i, 1]
-            sample = FingerSample(now_s, position_m, 0.0, load_n + NOISE_N * noise[i, 2], lateral_n)
+            force = self.sensed(now_s, load_n, on_way[0]) or (load_n + NOISE_N * noise[i, 2], lateral_n)
+            sample = FingerSample(now_s, position_m, 0.0, *force)
             done, power_v2 = self.tick(sample)
             on_way.append(power_v2)
             made[i] = told(i, speed_m_s, sample, done)
@@ -190,6 +216,10 @@ class Bench:
             if self.arm.kind == MENDED and (i + 1) % (every := round(MEND_EVERY_S / TICK_S)) == 0:
                 self.mend(made[i + 1 - every : i + 1], sample, abs(speed_m_s))
         self.state, _ = tick(self.arm.stages, self.state, FingerSample(now_s + TICK_S, position_m, 0.0, 0.0))
+
+    def sensed(self, now_s: float, load_n: float, power_v2: float) -> tuple[float, float] | None:
+        """Load and lateral force as known without a force sensor; None with one."""
+        return None
 
     def mend(self, made: np.ndarray, sample: FingerSample, speed_m_s: float) -> None:
         """The arm learns; how far the voltage of one and the same sample jumps by that."""
@@ -214,17 +244,47 @@ class Bench:
         target = self.arm.stages.texture.cof_under(done.finger._replace(position_x_m=position_m, position_y_m=0.0))
         in_reach = self.skin.at(now_s, load_n)[[0, -1]]
         if in_reach[0] <= target <= in_reach[1]:
-            self.within.append(abs(lateral_n / load_n / target - 1.0) <= WITHIN)
+            self.off.append(lateral_n / load_n / target - 1.0)
+
+
+class WithoutSensor(Bench):
+    """The same where nobody measures force; with current, by what a monitor reads of the electrode now and then."""
+
+    def __init__(self, kind: str, texture: str, seed: int, *finger: float) -> None:
+        super().__init__(kind, texture, seed, *finger)
+        self._touch, self._known, self._read_s = TouchByCurrent(self.arm.model, USUAL_N), (USUAL_N, np.nan), -np.inf
+        self._stray_s = 2j * np.pi * CARRIER_HZ * STRAY_F * STRAY_OFF * self._rng.standard_normal()
+
+    def sensed(self, now_s: float, load_n: float, power_v2: float) -> tuple[float, float]:
+        """See `Bench`."""
+        if self.arm.kind == CURRENT and now_s - self._read_s >= READ_EVERY_S:
+            real, imaginary = CURRENT_NOISE * self._rng.standard_normal(2)
+            current_a = power_v2**0.5 * (self.skin.admittance_s(now_s, power_v2, load_n) + self._stray_s)
+            current_a *= 1.0 + real + 1j * imaginary
+            reading = ElectrodeReading(power_v2**0.5, 0.0, current_a, CURRENT_NOISE * abs(current_a))
+            felt = self._touch.felt(CARRIER_HZ, reading, min(now_s - self._read_s, PERIOD_S))
+            self._known, self._read_s = (felt.load_n, felt.load_n * felt.cof) if felt else (USUAL_N, np.nan), now_s
+        return self._known
 
 
 def render(case: tuple[str, str, int]) -> Result:
     """One arm, texture and finger."""
-    bench = Bench(*case)
+    return judged(Bench(*case))
+
+
+def without_sensor(case: tuple[str, str, int, float, float]) -> Result:
+    """The same without a force sensor."""
+    return judged(WithoutSensor(*case))
+
+
+def judged(bench: Bench) -> Result:
+    """What came of ten minutes."""
     for begin_s in np.arange(0.0, DURATION_S, PERIOD_S):
         bench.visit(float(begin_s))
     mended = sum(found is not None for found in bench.arm.said)
-    judged = float(np.mean(bench.within)), *map(np.array, (bench.changed, bench.held, bench.jumps_v))
-    return Result(*judged, mended, len(bench.arm.said) - mended)
+    off = np.array(bench.off)
+    found = *map(np.array, (bench.changed, bench.held, bench.jumps_v)), mended, len(bench.arm.said) - mended
+    return Result(float(np.mean(np.abs(off) <= WITHIN)), rms(off), *found)
 
 
 def told(i: int, speed_m_s: float, sample: FingerSample, done: Tick) -> np.void:
@@ -271,7 +331,27 @@ def run() -> Iterator[Claim]:
     yield Claim("jump of the voltage at a swap", f"{jump_v:.2g} V at most", f"at most {rate_v:g} V", jump_v <= rate_v)
     counts = sum(result.mended for result in mended), sum(result.dropped for result in mended)
     yield Claim("models mended, and dropped as no better", f"{counts[0]}, {counts[1]}")
+    yield from currents()
     yield from agreement()
+
+
+def currents() -> Iterator[Claim]:
+    """Without a force sensor: by the model alone, and by the current; friction of the dry finger is the model's."""
+    dry = load_model("reference").values.cof_off
+    changes = {"no change of friction without voltage": 0.0, f"{RISES:.0%} more friction without voltage": RISES}
+    cases = list(product((FIXED, CURRENT), ("linen",), FINGERS, (dry,), changes.values()))
+    with ProcessPoolExecutor(WORKERS) as pool:
+        found = dict(zip(cases, pool.map(without_sensor, cases), strict=True))
+    for name, rises in changes.items():
+        errors = {}
+        for kind in (FIXED, CURRENT):
+            results = [found[kind, "linen", finger, dry, rises] for finger in FINGERS]
+            errors[kind] = [result.error for result in results]
+            within = spread([result.within for result in results])
+            yield Claim(f"no force sensor, {name}, {kind}: off, and within 5 %", f"{spread(errors[kind])}, {within}")
+        ratios = [mine / fixed for mine, fixed in zip(errors[CURRENT], errors[FIXED], strict=True)]
+        wanted = () if rises else ("at most 60 %", float(np.mean(ratios)) <= 0.6)
+        yield Claim(f"no force sensor, {name}: {CURRENT}, as a share of the {FIXED}", spread(ratios), *wanted)
 
 
 def rms(values: Array | list[float]) -> float:

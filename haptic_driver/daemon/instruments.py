@@ -6,6 +6,7 @@ import socket
 from collections.abc import Callable, Mapping
 from math import isfinite
 
+from haptic_driver.daemon.current_sensor import CurrentSensor, ReadElectrode
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.shared_memory import Sensed
 from haptic_driver.rig.actuator import make_actuator
@@ -13,6 +14,7 @@ from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import Devices, build_rig, connect_devices
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
+from haptic_driver.rig.parts.force_sensors import NoForceSensorConfig
 from haptic_driver.rig.states import RigEvent
 from haptic_driver.simulation.instruments import SCALE
 from haptic_driver.simulation.lines import SCREEN, Lines
@@ -21,7 +23,8 @@ from hw.errors import DeviceDisconnected
 from hw.finger.touch_screen import TouchEvents, TouchReports, TouchScreen
 from hw.finger.tracker import FingerTracker
 from hw.force.net_ft import NetFt, NetFtSettings
-from hw.force.sensor import ForceAxes
+from hw.force.sensor import ForceAxes, ForceSensor, NoForceSensor
+from hw.monitor.contract import ElectrodeReading
 from hw.safety.watchdog import Watchdog, WatchdogSettings
 from hw.transport.tcp import TcpTransport
 
@@ -32,8 +35,11 @@ WATCHDOG_GIVE_UP_S = 1.0  # a simulated generator that is gone will not come bac
 class Instruments:
     """The open devices of a rig as control uses them, real or simulated; `sensor_period_s`: how often to `read`."""
 
-    def __init__(self, config: RigConfig, devices: Devices, tracker: FingerTracker) -> None:
+    def __init__(self, config: RigConfig, devices: Devices, tracker: FingerTracker, electrode: ReadElectrode) -> None:
         self.devices = devices
+        self._force: ForceSensor = devices.force_sensor
+        self._config, self._electrode = config, electrode
+        self._current: CurrentSensor | None = None
         self.rig = devices.rig
         self.actuator = make_actuator(config, devices.rig, devices.analog_output)
         self.sensor_period_s = SENSOR_PERIOD_S
@@ -41,12 +47,20 @@ class Instruments:
 
     def read(self) -> Sensed:
         """What the sensors say now; a finger whose place is unknown does not touch. Raises DeviceError."""
-        finger, force = self._tracker.read(), self.devices.force_sensor.read()
+        finger, force = self._tracker.read(), self._force.read()
         somewhere = isfinite(finger.position_x_m) and isfinite(finger.position_y_m)
         return Sensed(
             finger.time_s, finger.position_x_m, finger.position_y_m, finger.touching and somewhere,
             force.time_s, force.normal_force_n, force.lateral_force_n, force.saturated,
         )  # fmt: skip
+
+    def estimate_force(self, carrier_hz: Callable[[], float], model: Callable[[], str]) -> None:
+        """Read the electrode's current in place of a force sensor that the rig's file says there is not."""
+        given = self._config.force_sensor
+        if self._config.friction_from_current and isinstance(given, NoForceSensorConfig):
+            stray_f = given.stray_capacitance_f
+            self._force = self._current = CurrentSensor(self._electrode, given.load_n, stray_f, carrier_hz, model)
+            self._current.start()
 
     def check_watchdog(self) -> None:
         """Raise DeviceError when there should be a watchdog and is none; not to be asked while the output is on."""
@@ -67,6 +81,9 @@ class Instruments:
 
     def close(self) -> bool | None:
         """Switch off and hang up; whether the output is on (None: unknown). Never raises."""
+        self.devices.rig.off()
+        if self._current is not None:
+            self._current.close()
         return self.devices.close().output_on
 
 
@@ -81,7 +98,12 @@ def connect_real(config: RigConfig, on_event: Callable[[RigEvent], None]) -> Ins
             "no_finger_tracker", f"rig {config.name} names no finger tracker: nobody tells where the finger is",
             'add a section [finger_tracker], with kind "stage", "evdev" or "recorded"',
         )  # fmt: skip
-    return _opened(config, devices, devices.tracker)
+
+    def electrode(frequency_hz: float) -> ElectrodeReading | None:
+        i = config.electrode_monitor(frequency_hz)
+        return None if i is None else devices.electrode_monitors[i].read(frequency_hz, config.limits.voltage_v)
+
+    return _opened(config, devices, devices.tracker, electrode)
 
 
 def connect_simulated(
@@ -92,7 +114,9 @@ def connect_simulated(
     watchdog = Watchdog(WatchdogSettings(endpoints["waveform_generator"], model=model, give_up_s=WATCHDOG_GIVE_UP_S))
     lines = Lines(TcpTransport.from_resource(endpoints["amplifier_lines"]))
     host, port = endpoints["force_sensor"].split(":")
-    force_sensor = NetFt(NetFtSettings(host, SCALE, ForceAxes("-z", "x"), port=int(port)))
+    box = NetFt(NetFtSettings(host, SCALE, ForceAxes("-z", "x"), port=int(port)))
+    given = config.force_sensor
+    force_sensor: ForceSensor = NoForceSensor(given.load_n) if isinstance(given, NoForceSensorConfig) else box
     host, port = endpoints["touch_screen"].split(":")
     try:
         connection = socket.create_connection((host, int(port)))
@@ -112,12 +136,17 @@ def connect_simulated(
         config, transport, force_sensor, Wiring(enable=lines, voltage_monitor=lines),
         modulated=output is not None, heartbeats=[watchdog], on_event=on_event,
     )  # fmt: skip
-    opening = [*([output.open] if output else []), rig.connect, force_sensor.open, watchdog.start]
-    closing = [watchdog.close, force_sensor.close, screen.close, lines.close, *([output.close] if output else [])]
-    return _opened(config, Devices(rig, force_sensor, screen, None, output, watchdog, opening, closing), screen)
+    opening = [*([output.open] if output else []), rig.connect, box.open, watchdog.start]
+    closing = [watchdog.close, box.close, screen.close, lines.close, *([output.close] if output else [])]
+
+    def electrode(frequency_hz: float) -> ElectrodeReading | None:
+        return None if config.electrode_monitor(frequency_hz) is None else lines.read_electrode(frequency_hz)
+
+    devices = Devices(rig, force_sensor, screen, None, output, watchdog, opening, closing)
+    return _opened(config, devices, screen, electrode)
 
 
-def _opened(config: RigConfig, devices: Devices, tracker: FingerTracker) -> Instruments:
-    instruments = Instruments(config, devices, tracker)
+def _opened(config: RigConfig, devices: Devices, tracker: FingerTracker, electrode: ReadElectrode) -> Instruments:
+    instruments = Instruments(config, devices, tracker, electrode)
     devices.open()
     return instruments

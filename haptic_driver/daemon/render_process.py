@@ -52,6 +52,7 @@ class RenderSettings:
     the texture's finest detail at the finger's speed. `ramp_s`: how long a ramp to zero takes.
     `most_missed`: so many instants missed in a row are a fault. `envelope`: an analog output makes the amplitude, and
     is told its course from tick to tick. `surface`: the number that the controller's has among orders.
+    `standing_flags` are up whenever something is rendered.
     """
 
     tick: TickSettings
@@ -63,6 +64,7 @@ class RenderSettings:
     ramp_s: float = 0.05
     most_missed: int = 100
     surface: int = 0
+    standing_flags: int = 0
 
 
 class Nothing(Target):
@@ -205,7 +207,7 @@ class Renderer:
         if order.rendering:
             doubts = self._doubts(order, sensed, due.due_s, done.finger)
             trusted = not doubts
-            flags |= doubts | self._missed(due, missed_in_a_row) | _noted(done, state)
+            flags |= self._settings.standing_flags | doubts | self._missed(due, missed_in_a_row) | _noted(done, state)
         wanted_v = done.command.voltage_v if done.command.output_on else 0.0
         ramp, voltage_v = kept.ramp.limit(self._settings.ramp_s, due.due_s, wanted_v, trusted)
         if not order.rendering or flags & _FAULT:

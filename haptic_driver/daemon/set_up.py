@@ -7,6 +7,7 @@ from pathlib import Path
 
 from haptic_driver.daemon.observation import ObserverSettings
 from haptic_driver.daemon.render_process import Nothing, RenderSettings
+from haptic_driver.processes.samples import Flag
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.parts.finger_trackers import STAGE_INTERVAL_S, EvdevFingerConfig, StageFingerConfig
@@ -87,7 +88,8 @@ def render_settings(config: RigConfig, surface: SurfaceFile, *, feedback: bool =
     )  # fmt: skip
     envelope = not isinstance(config.analog_output, NoAnalogOutput)
     usual_s = 2.0 * _sensor_period_s(config) + SCHEDULING_S
-    return RenderSettings(stages, envelope=envelope, period_s=PERIOD_S, usual_s=usual_s)
+    standing = int(Flag.FRICTION_FROM_CURRENT) if config.friction_from_current else 0
+    return RenderSettings(stages, envelope=envelope, period_s=PERIOD_S, usual_s=usual_s, standing_flags=standing)
 
 
 def latency_budget_s(config: RigConfig, period_s: float) -> dict[str, float]:

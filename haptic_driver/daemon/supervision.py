@@ -188,6 +188,7 @@ class Supervisor:
             self.instruments = connect_simulated(config, self.endpoints, self._orders.rig_says)
         else:
             self.instruments = connect_real(config, self._orders.rig_says)
+        self.instruments.estimate_force(lambda: self._shared.output.read().frequency_hz, lambda: self.settings.model)
         self._orders.pump.actuator = self.instruments.actuator
 
     def _await_heard(self) -> None:

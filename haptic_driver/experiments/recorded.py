@@ -145,7 +145,7 @@ def _with_shared_noise(rows: list[Recorded], lasted_s: Array) -> list[Recorded]:
 
 class _Drive(NamedTuple):
     """What the forces of each sample answer to [n]: carrier, the least and the most of it since SETTLING_S, and lagged
-    voltage squared with what its timing may change of it.
+    voltage squared with what its timing may change of it: anything where a reading only repeats the last.
     """
 
     carrier_hz: Array
@@ -181,6 +181,9 @@ def _drive(run: Run) -> _Drive:
     timing_s = TIMING_S["envelope" if "envelope" in latency else "set_point"]
     around = 1 + 2 * round(timing_s / step_s)
     unsure_v2 = maximum_filter1d(power_v2, around) - minimum_filter1d(power_v2, around)
+    forces_n = np.stack([samples[name] for name in ("normal_force_n", "lateral_force_n")])
+    repeated = np.all(np.diff(forces_n, prepend=np.nan) == 0.0, axis=0)  # control was late: a reading of before
+    unsure_v2[repeated] = np.inf
     return _Drive(carrier_hz, least_hz, most_hz, power_v2, unsure_v2)
 
 
@@ -196,8 +199,8 @@ def _strokes(samples: NDArray[np.void], settling_s: float) -> Iterator[slice]:
 
     Before the first sample nobody knows; what was commanded is felt within `settling_s`.
     """
-    saturated = (samples["flags"] & int(Flag.SATURATED_SENSOR)) > 0  # stays up until the next arming: nobody knows
-    usable = np.isfinite(samples["measured_cof"]) & ~saturated
+    unmeasured = int(Flag.SATURATED_SENSOR | Flag.FRICTION_FROM_CURRENT)  # both stay up until the next arming
+    usable = np.isfinite(samples["measured_cof"]) & (samples["flags"] & unmeasured == 0)
     usable &= (samples["in_contact"] > 0) & (samples["speed_m_s"] >= SLOWEST_M_S)
     time_s = samples["time_s"]
     usable &= time_s >= time_s[0] + settling_s

@@ -23,6 +23,7 @@ class Flag(IntFlag):
     FEEDBACK_LIMIT = 256
     UNDERRUN = 512
     CONTROL_SILENT = 1024
+    FRICTION_FROM_CURRENT = 2048  # what is felt is estimated: no force sensor measures it
 
     def names(self) -> list[str]:
         """Lower-case names of the flags that are up."""

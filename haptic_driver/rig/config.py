@@ -324,6 +324,12 @@ class RigConfig(Section):
         return None
 
     @property
+    def friction_from_current(self) -> bool:
+        """Whether nothing measures force, and something reads the electrode while it is driven."""
+        none = self.force_sensor is not None and self.force_sensor.kind == "none"
+        return none and not all(monitor.drives for monitor in self.electrode_monitors)
+
+    @property
     def card_hz(self) -> tuple[float, float]:
         """The lowest and the highest carrier that the card's channels of the monitors tell."""
         card = self.analog_inputs

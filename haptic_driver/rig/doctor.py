@@ -30,7 +30,7 @@ from haptic_driver.rig.parts.finger_trackers import (
     RecordedFingerConfig,
     StageFingerConfig,
 )
-from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig, NiForceSensorConfig
+from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig, NiForceSensorConfig, NoForceSensorConfig
 from hw.analog.ni_daq import NiDigitalInput
 from hw.errors import BadReply, DeviceError
 from hw.finger.touch_screen import open_touch_reports
@@ -348,6 +348,11 @@ def _force_sensor(config: RigConfig) -> Checks:
             yield from failed
         case NiForceSensorConfig() as ni:
             yield from _gauges(config, ni)
+        case NoForceSensorConfig() as none:
+            source = "the electrode's current" if config.friction_from_current else f"no reading: {none.load_n:g} N"
+            yield _warning(
+                "force sensor", f"none; load and friction from {source}", "docs/live.md says what that holds"
+            )
         case None:
             yield _failed("force sensor", "there is none in the rig's file", "add a section [force_sensor]")
         case other:

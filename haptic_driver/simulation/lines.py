@@ -2,17 +2,21 @@
 
 ENABLE 0|1, ENABLE?   the enable line       0 or 1, its level
 VOLTAGE?              the voltage monitor   V at its output
+ELECTRODE? f          an electrode monitor  at f Hz: real, imaginary part and 1 sigma of the voltage, V, and of
+                      the current, A
 GAIN x                how much more friction than its model the finger has; a knob of the simulation, not of a rig
 """
 
 from __future__ import annotations
 
 import datetime
+from collections.abc import Callable
 
 from haptic_driver.simulation.instruments import SimulatedInstruments
 from hw.errors import BadReply
 from hw.finger.simulated_touch_screen import Panel
 from hw.finger.touch_screen import TouchCalibration
+from hw.monitor.contract import ElectrodeReading
 from hw.transport.contract import Transport
 
 REPLY_TIMEOUT_S = 1.0
@@ -25,8 +29,10 @@ SCREEN = TouchCalibration(  # counts of PANEL to metres, exact by construction
 class LinesServer:
     """Answers for the lines of the simulated amplifier, and for the finger's gain."""
 
-    def __init__(self, instruments: SimulatedInstruments) -> None:
-        self._instruments = instruments
+    def __init__(
+        self, instruments: SimulatedInstruments, electrode: Callable[[float], ElectrodeReading | None]
+    ) -> None:
+        self._instruments, self._electrode = instruments, electrode
 
     def handle(self, data: bytes) -> bytes:
         """Carry out one line and answer it."""
@@ -41,6 +47,10 @@ class LinesServer:
                 return b"%d\n" % amplifier.read()
             case [b"VOLTAGE?"]:
                 return b"%.9g\n" % amplifier.read_v()
+            case [b"ELECTRODE?", hz] if reading := self._electrode(float(hz)):
+                v, i = reading.voltage_v, reading.current_a
+                told = v.real, v.imag, reading.voltage_std_v, i.real, i.imag, reading.current_std_a
+                return b" ".join(b"%.9g" % value for value in told) + b"\n"
             case [b"GAIN", gain]:
                 instruments.finger_gain = float(gain)
                 return gain + b"\n"
@@ -59,11 +69,16 @@ class Lines:
 
     def read(self) -> bool:
         """The level of the enable line. Raises DeviceError."""
-        return self._ask(b"ENABLE?") == 1.0
+        return self._ask(b"ENABLE?") == [1.0]
 
     def read_v(self) -> float:
         """The voltage monitor, V. Raises DeviceError."""
-        return self._ask(b"VOLTAGE?")
+        return self._ask(b"VOLTAGE?")[0]
+
+    def read_electrode(self, frequency_hz: float) -> ElectrodeReading:
+        """What the electrode monitors read at a carrier that one of them tells. Raises DeviceError."""
+        v_real, v_imaginary, v_std, i_real, i_imaginary, i_std = self._ask(b"ELECTRODE? %.9g" % frequency_hz, 6)
+        return ElectrodeReading(complex(v_real, v_imaginary), v_std, complex(i_real, i_imaginary), i_std)
 
     def set_gain(self, gain: float) -> None:
         """Give the simulated finger `gain` times the friction of its model. Raises DeviceError."""
@@ -73,12 +88,15 @@ class Lines:
         """Hang up."""
         self._transport.close()
 
-    def _ask(self, line: bytes) -> float:
+    def _ask(self, line: bytes, count: int = 1) -> list[float]:
         with self._transport.exchange(REPLY_TIMEOUT_S):
             self._transport.open()
             reply = self._transport.query(line + b"\n", REPLY_TIMEOUT_S)
         try:
-            return float(reply)
+            told = [float(word) for word in reply.split()]
+            if len(told) != count:
+                raise ValueError
+            return told
         except ValueError as error:
             self._transport.mark_dirty()
             raise BadReply(

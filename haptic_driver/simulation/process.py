@@ -26,13 +26,16 @@ from haptic_driver.processes.real_time import Metronome
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.slide import Slide, synthetic_slide
 from haptic_driver.simulation.finger_function import load_finger
-from haptic_driver.simulation.friction import FrictionLaw, surface_friction, with_hidden
+from haptic_driver.simulation.friction import ElectrodeLaw, FrictionLaw, electrode_of, surface_friction, with_hidden
 from haptic_driver.simulation.instruments import SimulatedInstruments
 from haptic_driver.simulation.lines import PANEL, LinesServer
+from haptic_driver.simulation.rig import electrode_monitors
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.models import load_model
 from hw.analog.served_output import AnalogOutputServer
 from hw.finger.simulated_touch_screen import SimulatedTouchScreen
+from hw.monitor.contract import ElectrodeReading
+from hw.monitor.simulated import ElectrodeState
 from hw.serving.tcp import TcpServer
 from hw.transport.running import RunningTogether
 from model.touch_model import TouchModel
@@ -50,7 +53,12 @@ class SlidingFinger(RunningTogether):
     """
 
     def __init__(
-        self, config: RigConfig, friction: FrictionLaw, slide: Slide | None = None, record: Path | None = None
+        self,
+        config: RigConfig,
+        friction: FrictionLaw,
+        slide: Slide | None = None,
+        record: Path | None = None,
+        electrode: ElectrodeLaw | None = None,
     ) -> None:
         recording = None if record is None else _Record(record)
         on_drive = recording.note if recording else lambda frequency_hz, voltage_v: None
@@ -59,7 +67,9 @@ class SlidingFinger(RunningTogether):
         self._speed_m_s = self._slide.speed_m_s
         self._began_s = time.monotonic()
         self._screen = SimulatedTouchScreen(PANEL, clock=time.monotonic)
-        self._lines_server = TcpServer(LinesServer(self.instruments))
+        self._config, self._electrode = config, electrode
+        self._monitors = electrode_monitors(config, self._electrode_state)
+        self._lines_server = TcpServer(LinesServer(self.instruments, self._read_electrode))
         self._touch_server = _TouchServer(self._screen)
         card = self.instruments.card
         self._card_server = None if card is None else TcpServer(AnalogOutputServer(card))
@@ -96,6 +106,18 @@ class SlidingFinger(RunningTogether):
             self._screen.lift()
         self._touch_server.pump()
         self.instruments.force_box.emit(1)
+
+    def _read_electrode(self, frequency_hz: float) -> ElectrodeReading | None:
+        """What the first monitor that tells this carrier reads."""
+        i = self._config.electrode_monitor(frequency_hz)
+        return None if i is None else self._monitors[i].read(frequency_hz, self.instruments.voltage_v)
+
+    def _electrode_state(self) -> ElectrodeState | None:
+        instruments, plant = self.instruments, self.instruments.plant
+        frequency_hz, voltage_v, *_ = instruments.stimulus()
+        if self._electrode is None:
+            return None
+        return self._electrode(frequency_hz, voltage_v, plant.normal_force_n, instruments.speed_m_s, plant.time_s)
 
 
 class _Record:
@@ -165,9 +187,9 @@ def main() -> None:
     signal.signal(signal.SIGTERM, lambda number, frame: ended.set())
     signal.signal(signal.SIGINT, lambda number, frame: ended.set())
     with compilation_said("simulated instruments"):
-        friction = _friction(config, given.model, given.finger)
+        friction, electrode = _finger(config, given.model, given.finger)
         friction(1e3, 50.0, 0.5, 0.02, 0.0)  # made ready before time passes
-    with SlidingFinger(config, friction, record=given.record) as served:
+    with SlidingFinger(config, friction, record=given.record, electrode=electrode) as served:
         print(json.dumps({"endpoints": served.endpoints}), flush=True)
         threading.Thread(target=_linger, args=(ended,), daemon=True).start()
         metronome = Metronome(STEP_S)
@@ -175,13 +197,15 @@ def main() -> None:
             served.step((metronome.wait().missed + 1) * STEP_S)
 
 
-def _friction(config: RigConfig, model: str, finger: str | None) -> FrictionLaw:
-    """That of a function, or of the finger's model with what the rig hides."""
+def _finger(config: RigConfig, model: str, finger: str | None) -> tuple[FrictionLaw, ElectrodeLaw]:
+    """Those of a function, or of the finger's model with what the rig hides."""
     if finger is not None:
-        return load_finger(finger).friction
+        own = load_finger(finger)
+        return own.friction, own.electrode
     limits, description = config.operating_limits(), load_model(config.simulation.model or model)
-    file = build_surface(with_hidden(TouchModel(description), config.simulation.hide).description, limits)
-    return surface_friction(file, limits)
+    model_of_finger = with_hidden(TouchModel(description), config.simulation.hide)
+    electrode = electrode_of(model_of_finger, config.simulation.stray_capacitance_f)
+    return surface_friction(build_surface(model_of_finger.description, limits), limits), electrode
 
 
 def _linger(ended: threading.Event) -> None:

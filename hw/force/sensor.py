@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import nan
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -31,6 +32,18 @@ class ForceSensor(Protocol):
 
     def read(self) -> ForceReading:
         """Return the newest reading. Raises DeviceError."""
+
+
+@dataclass(frozen=True)
+class NoForceSensor:
+    """Nothing that measures force: the load is taken for `load_n`, the lateral force stays unknown (NaN)."""
+
+    load_n: float
+    clock: Callable[[], float] = time.monotonic
+
+    def read(self) -> ForceReading:
+        """What is taken for the force."""
+        return ForceReading(self.clock(), self.load_n, nan, False)
 
 
 class Wrench(NamedTuple):

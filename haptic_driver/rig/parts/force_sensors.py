@@ -8,17 +8,36 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, FiniteFloat
 
-from haptic_driver.rig.part import Axis, Part, PartKind, PartSection, Port, Positive, Wiring
+from haptic_driver.rig.part import Axis, NotNegative, Part, PartKind, PartSection, Port, Positive, Wiring
 
 if TYPE_CHECKING:
     from hw.force.net_ft import NetFt, NetFtSettings
-    from hw.force.sensor import GaugeForceSensor
+    from hw.force.sensor import GaugeForceSensor, NoForceSensor
 
 
 class SimulatedForceSensorConfig(PartSection):
     """The simulated rig's own."""
 
     kind: Literal["simulated"]
+
+
+class NoForceSensorConfig(PartSection):
+    """None, said plainly: every finger is taken to press with `load_n`.
+
+    Where the rig reads the electrode, the daemon estimates load and friction from its current; of that
+    `stray_capacitance_f` is what flows without a finger.
+    """
+
+    kind: Literal["none"]
+    load_n: Positive = 0.5
+    stray_capacitance_f: NotNegative = 0.0
+
+
+def make_none(section: NoForceSensorConfig, wiring: Wiring) -> Part[NoForceSensor]:
+    """What stands for it."""
+    from hw.force.sensor import NoForceSensor
+
+    return Part(NoForceSensor(section.load_n))
 
 
 class NiForceSensorConfig(PartSection):
@@ -108,5 +127,6 @@ def make_net_ft(section: NetFtForceSensorConfig, wiring: Wiring) -> Part[NetFt]:
 
 
 SIMULATED = PartKind(SimulatedForceSensorConfig)
+NONE = PartKind(NoForceSensorConfig, make_none)
 NI = PartKind(NiForceSensorConfig, make_ni)
 NET_FT = PartKind(NetFtForceSensorConfig, make_net_ft)

@@ -61,9 +61,9 @@ def test_rows_agree_with_the_finger_within_what_they_state(touch, rng, tmp_path)
     assert set(zip(f, v, strict=True)) == set(known)
 
 
-@pytest.mark.parametrize("speed_m_s", [0.005, 0.05])
-def test_a_texture_finer_than_a_row_gives_rows_of_the_finger(rng, tmp_path, speed_m_s):
-    """Threads of 2 mm, 2.5 and 25 a second, by an envelope: friction never settles."""
+@pytest.mark.parametrize(("speed_m_s", "late"), [(0.005, 0), (0.05, 0), (0.05, 30)])
+def test_a_texture_finer_than_a_row_gives_rows_of_the_finger(rng, tmp_path, speed_m_s, late):
+    """Threads of 2 mm, 2.5 and 25 a second, by an envelope: friction never settles. A late control repeats readings."""
 
     def law(frequency_hz, voltage_v, normal_force_n, *_):
         power = voltage_v**2 / 1e4
@@ -74,6 +74,9 @@ def test_a_texture_finer_than_a_row_gives_rows_of_the_finger(rng, tmp_path, spee
     parts = [Part(0.001, 100.0, float(voltage_v), 0.5, speed_m_s) for voltage_v in voltages_v]
     budget = {"sensor": 0.004, "tick": 0.0005, "envelope": 0.002, "instrument": 0.001, "total": 0.0075}
     made = ticks(parts, law, rng, wobble=0.03, latency_s=0.003)
+    heard = np.where(made["tick"] % 100 < late, made["tick"] // 100 * 100, made["tick"]).astype(np.intp)
+    for name in ("normal_force_n", "lateral_force_n", "measured_cof"):
+        made[name] = made[name][heard]
     path = record(tmp_path / "run.h5", made, header=replace(HEADER, latency_budget_s=budget))
     rows = read_rows(path, tmp_path)
     v, cof, std = (column(rows, name) for name in ("voltage_v", "cof", "cof_std"))
@@ -119,6 +122,7 @@ def test_a_long_stroke_gives_a_row_a_second(rng, tmp_path):
         lambda made: made.__setitem__("measured_cof", np.nan),
         lambda made: made.__setitem__("in_contact", 0),
         lambda made: made["flags"].__setitem__(slice(None), int(Flag.SATURATED_SENSOR)),
+        lambda made: made["flags"].__setitem__(slice(None), int(Flag.FRICTION_FROM_CURRENT)),
         lambda made: made["output_on"].__setitem__(slice(None, None, 300), 0),
         lambda made: made["time_s"].__iadd__(0.02 * (made["tick"] // 60)),
     ],

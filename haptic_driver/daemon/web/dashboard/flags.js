@@ -12,6 +12,7 @@ const MEANING = {
   fault: "the daemon is or was in fault",
   feedback_limit: "the finger's gain is at the end of what feedback may correct",
   underrun: "the analog envelope had a gap, at zero",
+  friction_from_current: "no force sensor: friction is estimated from the electrode's current",
   control_silent: "render did not hear control; the output ramped to zero",
 };
 const TOLD_BY = { tripped: "trip", fault: "fault", lease_lost: "lease" }; // kinds of events, beside "flag"

@@ -1,0 +1,73 @@
+"""Load and friction on a screen without a force sensor, from the electrode's current, as a force sensor's readings."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from math import nan
+
+from haptic_driver.daemon.touch_by_current import Felt, TouchByCurrent
+from haptic_driver.surface.models import load_model
+from hw.errors import DeviceError
+from hw.force.sensor import ForceReading
+from hw.monitor.contract import ElectrodeReading
+
+PERIOD_S = 0.02  # between readings, and a monitor's own time
+
+ReadElectrode = Callable[[float], ElectrodeReading | None]
+"""What is at the electrode at a carrier in Hz; None where no monitor tells it. Raises DeviceError."""
+
+
+class CurrentSensor:
+    """Asks the monitor in a thread of its own, from `start` on; a load is the usual one while nothing tells.
+
+    `stray_f` is what lies beside the finger, `carrier_hz` the carrier and `model` the name of the model of the moment.
+    """
+
+    def __init__(
+        self, electrode: ReadElectrode, usual_n: float, stray_f: float, carrier_hz: Callable[[], float],
+        model: Callable[[], str],
+    ) -> None:  # fmt: skip
+        self._electrode, self._usual_n, self._stray_f = electrode, usual_n, stray_f
+        self._carrier_hz, self._model = carrier_hz, model
+        self._last = ForceReading(time.monotonic(), usual_n, nan, False)
+        self._failed: DeviceError | None = None
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="current", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def read(self) -> ForceReading:
+        """The newest estimate. Raises DeviceError when the monitor fails."""
+        if self._failed is not None:
+            raise self._failed
+        return self._last
+
+    def close(self) -> None:
+        """End."""
+        self._ending.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        name, touch = "", None
+        while not self._ending.wait(PERIOD_S):
+            if touch is None or name != self._model():
+                name = self._model()
+                touch = TouchByCurrent(load_model(name), self._usual_n, self._stray_f)
+            try:
+                self._look(touch)
+            except DeviceError as error:  # tried again, as a sensor is
+                self._failed = error
+            else:
+                self._failed = None
+
+    def _look(self, touch: TouchByCurrent) -> None:
+        carrier_hz, now_s = self._carrier_hz(), time.monotonic()
+        reading = self._electrode(carrier_hz)
+        felt = None if reading is None else touch.felt(carrier_hz, reading, now_s - self._last.time_s)
+        load_n, cof = felt or Felt(self._usual_n, nan)
+        self._last = ForceReading(now_s, load_n, cof * load_n, False)
