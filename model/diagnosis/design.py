@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import STEP
 from model.diagnosis.naming import Candidate, imitate
-from model.diagnosis.noise import gain_std
+from model.diagnosis.noise import shared_std
 from model.diagnosis.space import Predictor
 from model.diagnosis.verdict import APART
 from model.diagnosis.witness import WITNESSES
@@ -234,6 +234,7 @@ def _own_std(findings: Findings, before: Measurements, data: Measurements) -> Ar
 
 
 def _session_gains(data: Measurements) -> Array:
-    """A column per witness and session to come, with what its gain may be."""
+    """Columns per witness and session to come, with what its gain and its touch's area may be."""
     group = np.unique(data.group, return_inverse=True)[1].ravel()
-    return np.where(group[:, None] == np.arange(group.max() + 1), gain_std(data)[:, None], 0.0)
+    here = group[:, None] == np.arange(group.max() + 1)
+    return np.hstack([np.where(here, std[:, None], 0.0) for std in shared_std(data).T])

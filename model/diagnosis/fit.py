@@ -98,7 +98,7 @@ class Problem:
 
     def cost(self, chi2: Array | float, vectors: Array) -> Array:
         """-log posterior of parameter vectors, scale integrated out."""
-        nu, n = self.noise.degrees, self.observed.size
+        nu, n = self.noise.degrees, self.observed.size - self.noise.sure
         return np.asarray(0.5 * (n + nu) * np.log1p(np.asarray(chi2) / nu) + 0.5 * np.sum(np.square(vectors), axis=-1))
 
     def linearised(self, kinds: Sequence[type[Effect]], vectors: Array) -> tuple[Array, Array]:
@@ -136,7 +136,7 @@ class Problem:
 
     def _nearby(self, vectors: Array, residuals: Array, jacobians: Array, damping: Array) -> _Nearby:
         """What is linear about each of some vectors."""
-        nu, n = self.noise.degrees, self.observed.size
+        nu, n = self.noise.degrees, self.observed.size - self.noise.sure
         weight = (n + nu) / (nu + np.sum(residuals**2, axis=1))[:, None]
         gradient = weight * np.einsum("mnk,mn->mk", jacobians, residuals) - vectors
         free = ~((np.abs(vectors) >= FARTHEST) & (gradient * vectors > 0.0))  # what is at its end stays there
@@ -164,7 +164,7 @@ class Problem:
         return trials[each, best], costs[each, best], np.clip(near.dampings[each, best % count], 1e-9, 1e6)
 
     def _finish(self, kinds: tuple[type[Effect], ...], vector: Array, residual: Array, jacobian: Array) -> Fit:
-        nu, n = self.noise.degrees, self.observed.size
+        nu, n = self.noise.degrees, self.observed.size - self.noise.sure
         chi2 = float(residual @ residual)
         scale2 = (nu + chi2) / (n + nu)
         normal = jacobian.T @ jacobian / scale2 + np.eye(vector.size)

@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from model.diagnosis.data import Measurements
-from model.diagnosis.witness import FRICTION, WITNESSES
-from model.support.arrays import Array
+from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, WITNESSES
+from model.support.arrays import Array, ComplexArray
 
 SESSION_GAIN_STD = WITNESSES[FRICTION].gain_std
 LOOSE_DEGREES = 6.0  # worth of the stated noise where no replicates check it: a scale known to about 30 %
 MOST_DEGREES = 200.0
+LEAST_STD = 1e-4  # of a logarithm, or rad: no rig keeps a voltage better from row to row, whatever its monitor resolves
+USUAL_STRAY_F = 300e-12  # where no open circuit tells
+AREA_STD = 0.03  # of the logarithm of the touch's area, from session to session
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,8 @@ class Noise:
     The scale's square is inverse-gamma around 1 with `degrees` degrees of freedom; `source` says where the noise comes
     from, `replicate_degrees` how many replicates checked it; `correlation` and `inflation` are what it was asked to be.
     `whiten` takes residuals [n] or [n, k] to unit variance. `blocks`: what shares no noise with the rest, each by its
-    numbers; all together where there are none.
+    numbers; all together where there are none. `sure`: how many are said to be better than any model is; what
+    is left of them says nothing about the scale.
     """
 
     own_std: Array
@@ -37,6 +41,7 @@ class Noise:
     inflation: Array
     warnings: tuple[str, ...] = field(default=())
     blocks: tuple[NDArray[np.intp], ...] = ()
+    sure: int = 0
 
     @property
     def log_determinant(self) -> float:
@@ -82,8 +87,9 @@ def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | No
             return None
         own_std[mine] = own.std
         found.append(own)
-    own_std = np.maximum(own_std, 1e-4)
-    lower, blocks, gains = np.zeros((data.count, data.count)), [], gain_std(data)
+    sure = int(np.sum(own_std < LEAST_STD))
+    own_std = np.maximum(own_std, LEAST_STD)
+    lower, blocks, shared = np.zeros((data.count, data.count)), [], shared_std(data)
     for rows in rows_in_order(data):
         rank = np.argsort(rows)  # when each was measured, in the order of the file
         blocks.append(rows[rank])
@@ -91,7 +97,8 @@ def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | No
         covariance = np.diag(std**2)
         if correlation != 0.0:
             covariance = correlation ** np.abs(rank[:, None] - rank) * np.outer(std, std)
-        lower[np.ix_(blocks[-1], blocks[-1])] = cholesky(covariance + gains[rows[0]] ** 2, lower=True)
+        covariance += shared[blocks[-1]] @ shared[blocks[-1]].T
+        lower[np.ix_(blocks[-1], blocks[-1])] = cholesky(covariance, lower=True)
     degrees = sum(own.degrees for own in found)
     return Noise(
         own_std,
@@ -103,13 +110,38 @@ def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | No
         inflation,
         tuple(warning for own in found for warning in own.warnings),
         tuple(blocks),
+        sure,
     )
 
 
-def gain_std(data: Measurements) -> Array:
-    """Standard deviation [n] of what the observations of a session and witness share."""
+def shared_std(data: Measurements) -> Array:
+    """Standard deviations [n, 2] of what the observations of a session and witness share.
+
+    The witness's own gain, and in the current the area of the touch, which presses anew in each session: of that the
+    current beside the touch has nothing.
+    """
     gains = np.array([witness.gain_std for witness in WITNESSES])
-    return np.full(data.count, gains[FRICTION]) if data.witness is None else gains[data.witness]
+    if data.witness is None:
+        return np.outer(np.full(data.count, gains[FRICTION]), [1.0, 0.0])
+    share = touch_share(data)
+    area = np.select([data.of(CURRENT), data.of(CURRENT_PHASE)], [share.real, share.imag])
+    return np.stack([gains[data.witness], AREA_STD * area], axis=1)
+
+
+def touch_share(data: Measurements) -> ComplexArray:
+    """Of the current of each row [n], what flows through the touch rather than beside it, as open circuits tell it."""
+    c, nothing = data.columns, np.full(data.count, np.nan)
+    is_open = np.zeros(data.count, bool) if data.finger is None else data.finger == "none"
+    voltage_v = c.get("electrode_voltage_v", nothing)
+    voltage_v = np.where(np.isfinite(voltage_v), voltage_v, c["voltage_v"])
+    lead_rad = c.get("current_phase_rad", nothing) - np.nan_to_num(c.get("electrode_voltage_phase_rad", nothing))
+    lead_rad = np.where(np.isfinite(lead_rad), lead_rad, 0.5 * np.pi)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        capacitance_f = c.get("current_a", nothing) / (2.0 * np.pi * c["frequency_hz"] * voltage_v)
+        told = capacitance_f[is_open & np.isfinite(capacitance_f)]
+        stray_f = float(np.median(told)) if told.size else USUAL_STRAY_F
+        beside = stray_f / capacitance_f * np.exp(1j * (0.5 * np.pi - lead_rad))
+    return np.where(is_open, 0.0, 1.0 - np.where(np.isfinite(beside), beside, 0.0))
 
 
 def _own_noise(data: Measurements, witness: int, inflation: Array) -> _Own | None:

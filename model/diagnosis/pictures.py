@@ -12,7 +12,7 @@ from scipy.linalg import solve_triangular
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.naming import NONE, SURE, UNKNOWN, Candidate, words
-from model.diagnosis.noise import gain_std
+from model.diagnosis.noise import shared_std
 from model.diagnosis.smooth import LOG_INPUTS
 from model.diagnosis.spectrum import spectrum
 from model.diagnosis.where import Region
@@ -66,15 +66,15 @@ def pictures(diagnosis: Diagnosis) -> dict[str, bytes]:
 
 
 def residual_percent(problem: Problem, fit: Fit, data: Measurements, witness: int = FRICTION) -> Array:
-    """Measured against predicted for one witness, in percent, without each session's gain as the noise model sees it.
+    """Measured against predicted for one witness, in percent, without what sessions share.
 
     Of a phase, hundredths of a rad.
     """
     raw = problem.predictor.less(problem.observed, problem.predictor.predicted(fit.kinds, fit.vector[None])[0])
     raw = np.where(np.isfinite(raw), raw, 0.0)
     weighed = solve_triangular(problem.noise.lower.T, problem.noise.whiten(raw), lower=False)
-    gain = gain_std(data) ** 2 * np.bincount(data.group, weighed)[data.group]
-    return percent(raw - gain, witness)[data.of(witness)]
+    shared = [std * np.bincount(data.group, std * weighed)[data.group] for std in shared_std(data).T]
+    return percent(raw - np.sum(shared, axis=0), witness)[data.of(witness)]
 
 
 def percent(difference: Array, witness: int) -> Array:

@@ -88,7 +88,7 @@ def _by_scale(target: Array, spread: Array, noise: Noise) -> Array:
     rest = max(float(target @ target - along.sum()), 0.0)
     s2 = SCALES[:, None] ** 2
     total = s2 + square
-    free = target.size - square.size
+    free = target.size - noise.sure - square.size
     log_likelihood = -0.5 * (np.sum(np.log(total) + along / total, axis=1) + free * np.log(s2[:, 0]) + rest / s2[:, 0])
     half = 0.5 * noise.degrees
     log_prior = half * np.log(half) - gammaln(half) - 2.0 * half * np.log(SCALES) - half / SCALES**2

@@ -41,7 +41,7 @@ class Witness:
 WITNESSES = (
     Witness("cof", "cof_std", "friction", 0.05, None, range=(1e-3, 20.0, "")),
     Witness(
-        "current_a", "current_std_a", "current", 0.03, 0.02, against="electrode_voltage_v", range=(1e-12, 100.0, "A")
+        "current_a", "current_std_a", "current", 0.02, 0.02, against="electrode_voltage_v", range=(1e-12, 100.0, "A")
     ),
     Witness(
         "current_phase_rad",

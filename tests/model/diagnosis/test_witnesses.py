@@ -10,6 +10,7 @@ import pytest
 from model.conditions import Conditions
 from model.description import ModelDescription, read_model
 from model.diagnosis.data import Measurements, read_measurements, together
+from model.diagnosis.fit import Problem
 from model.diagnosis.noise import noise_of
 from model.diagnosis.report import write_report
 from model.diagnosis.space import AREA, NUISANCES, REST, STRAY, Predictor, nuisances
@@ -116,16 +117,37 @@ class TestNoise:
         noise = noise_of(data)
         assert noise.own_std[data.of(CURRENT)] == pytest.approx(0.05)  # 3 and 4 %
 
-    def test_sessions_share_a_gain_per_witness(self, read) -> None:
-        header = HEADER + ",session"
-        data = read(*(f"{f},75,0.5,0.6,0.012,,6e-5,0.5,,,{s}" for s in "ab" for f in (100, 250)), header=header)
+    def test_sessions_share_a_gain_per_witness_and_the_area_of_the_touch(self, read) -> None:
+        """Once an open circuit was taken to share what a touch's area does, and real effects were called unexplained."""
+        header, open_a = HEADER + ",session", 2.0 * np.pi * 250.0 * 200e-12 * 75.0
+        lines = [f"{f},75,0.5,0.6,0.012,sliding,6e-5,0.5,,,{s}" for s in "ab" for f in (100, 250)]
+        lines += [f"250,75,0,,,none,{open_a:.9g},{0.5 * np.pi:.9g},,,{s}" for s in "ab"]
+        data = read(*lines, header=header)
         noise = noise_of(data)
-        covariance = noise.lower @ noise.lower.T
-        shared = np.array([WITNESSES[w].gain_std for w in data.witness]) ** 2
+        frequency_hz = data.columns["frequency_hz"]
+        share = 1.0 - 2j * np.pi * frequency_hz * 200e-12 * 75.0 / (6e-5 * np.exp(0.5j))
+        share[data.finger == "none"] = 0.0
+        area = 0.03 * np.select([data.of(CURRENT), data.of(CURRENT_PHASE)], [share.real, share.imag], 0.0)
+        gain = np.array([WITNESSES[w].gain_std for w in data.witness])
         same = (data.session[:, None] == data.session) & (data.witness[:, None] == data.witness)
-        np.testing.assert_allclose(covariance, np.diag(noise.own_std**2) + np.where(same, shared, 0.0), atol=1e-15)
+        shared = np.where(same, np.outer(gain, gain) + np.outer(area, area), 0.0)
+        covariance = noise.lower @ noise.lower.T
+        np.testing.assert_allclose(covariance, np.diag(noise.own_std**2) + shared, rtol=1e-6, atol=1e-12)
         white = noise.whiten(covariance)
         np.testing.assert_allclose(noise.whiten(white.T), np.eye(data.count), atol=1e-9)
+
+    def test_what_is_better_than_any_model_says_nothing_of_the_scale(self, read) -> None:
+        """Once a voltage that a monitor resolves to a hundredth of a per mille made all other noise look small."""
+        header = HEADER + ",electrode_voltage_std_v,electrode_voltage_phase_std_rad"
+        frequencies, off = np.linspace(50.0, 500.0, 12), 0.03 * np.sin(np.arange(12.0) ** 2)
+        said = TouchModel(FINGER).predict(Conditions(frequencies, np.full(12, 75.0), np.full(12, 0.5))).cof
+        cof = [f"{f},75,0.5,{c:.9g},0.012,," for f, c in zip(frequencies, said * np.exp(off), strict=True)]
+        scales = []
+        for ending in (",,,,,", ",,75,0,1e-4,1e-6"):
+            data = read(*(line + ending for line in cof), header=header)
+            problem = Problem(Predictor(FINGER, data), data.observed, noise_of(data))
+            scales.append(problem.fit((), np.zeros(len(problem.predictor.free))).scale2)
+        assert scales[1] == pytest.approx(scales[0], rel=0.02)
 
 
 class TestPrediction:
