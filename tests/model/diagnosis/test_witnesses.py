@@ -118,7 +118,7 @@ class TestNoise:
         assert noise.own_std[data.of(CURRENT)] == pytest.approx(0.05)  # 3 and 4 %
 
     def test_sessions_share_a_gain_per_witness_and_the_area_of_the_touch(self, read) -> None:
-        """Once an open circuit was taken to share what a touch's area does, and real effects were called unexplained."""
+        """Once an open circuit was taken to share what a touch's area does: real effects were unexplained."""
         header, open_a = HEADER + ",session", 2.0 * np.pi * 250.0 * 200e-12 * 75.0
         lines = [f"{f},75,0.5,0.6,0.012,sliding,6e-5,0.5,,,{s}" for s in "ab" for f in (100, 250)]
         lines += [f"250,75,0,,,none,{open_a:.9g},{0.5 * np.pi:.9g},,,{s}" for s in "ab"]
