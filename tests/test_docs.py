@@ -53,6 +53,8 @@ ASKS_DAEMON = (
     "mark",
     "experiment run first_look",
     "experiment analyse",
+    "texture import out/",
+    "texture check out/",
 )
 PLACEHOLDERS = {"MU": "0.6", "MODEL": "reference", "T": "linen", "FILE": "run.h5", "DIR": "out", "...": ""}
 
@@ -69,8 +71,8 @@ def bare(line: str) -> str:
     return re.sub(r"^(\w+=\S+ )+(?=haptic )", "", line)
 
 
-def commands(page: Path, mark: str) -> list[str]:
-    return [line for block in blocks(page, mark) for line in block.splitlines() if line.startswith("haptic ")]
+def commands(page: Path, mark: str, beside: str = "haptic ") -> list[str]:
+    return [line for block in blocks(page, mark) for line in block.splitlines() if line.startswith(("haptic ", beside))]
 
 
 def mentioned(page: Path) -> list[str]:
@@ -173,17 +175,22 @@ def test_a_session_with_the_daemon_runs_as_shown(
     page: Path,
     daemon: dict[str, str],
     reader: Path,
+    done: set[str],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """One terminal for each command that runs until Ctrl-C, one for all others."""
+    """One terminal for each command that runs until Ctrl-C, one for all others; no experiment is run twice."""
     monkeypatch.delenv("HAPTIC_SOCKET", raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", daemon["XDG_RUNTIME_DIR"])
     terminals: dict[str, subprocess.Popen[str]] = {}
     try:
-        for line in filter(asks_daemon, commands(page, "text")):
+        for line in commands(page, "text", "sleep "):
             words = shlex.split(line)[1:]
-            if line in UNTIL_CTRL_C:
+            if line.startswith("sleep "):
+                time.sleep(float(words[0]))
+            elif not asks_daemon(line) or line in done:
+                continue
+            elif line in UNTIL_CTRL_C:
                 terminal = subprocess.Popen([SCRIPT, *words], env=daemon, stdout=subprocess.PIPE, text=True)
                 terminals[line] = terminal
                 assert terminal.stdout is not None
@@ -192,6 +199,8 @@ def test_a_session_with_the_daemon_runs_as_shown(
                 subprocess.run([SCRIPT, *words], env=daemon, timeout=HANG_S, check=True)
             else:
                 assert main(words) == 0, f"{line}\n{capsys.readouterr().err}"
+                if words[0] == "experiment":
+                    done.add(line)
     finally:
         main(["disarm"])  # `haptic arm` ends with it
         for line, terminal in terminals.items():
