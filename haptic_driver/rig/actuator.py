@@ -71,8 +71,8 @@ class EnvelopeActuator(Actuator):
     adds its course to the output's stream, straight in voltage squared, which force follows. The stream is kept about
     `lead_s` long: so late is its end at the electrode, and so late may a `play` be. The output's own clock paces it;
     courses are a sample longer or shorter when need be. Without anything new the last voltage is held. A stream that
-    runs dry is zero, counted in `underruns`, and begins again from zero. Until SCPI has brought another carrier no course
-    rises: what its voltages may be at the present one nobody has asked.
+    runs dry is zero, counted in `underruns`, and begins again from zero. Until SCPI has brought another carrier no
+    course rises: nobody has asked what its voltages may be at the present one.
     """
 
     name = "analog envelope"

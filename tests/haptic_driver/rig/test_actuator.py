@@ -94,7 +94,7 @@ def test_the_electrode_follows_the_voltages_straight_in_their_square_and_late_by
 
 
 def test_the_voltage_of_a_new_carrier_waits_for_it(bench):
-    """SCPI brings the carrier 10 ms after the course of its voltages: what is more than before may be too much there."""
+    """SCPI brings the carrier 10 ms after the course of its voltages; what is more than before may be too much."""
     bench.run(np.full(300, 20.0))
     new = DriveCommand(100.0, 90.0, True)
     while_old_v = []
