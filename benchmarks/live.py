@@ -388,7 +388,8 @@ def agreement() -> Iterator[Claim]:
         )
         yield Claim(
             f"agreement: 5 % less friction {name}: delay, and missed within 60 s",
-            f"{np.median(delays):.0f} s in the median ({low_s:.0f}..{high_s:.0f} in 90 of 100); {missed} of {changes} (95 %: {ends[0]:.0%}..{ends[1]:.0%})",
+            f"{np.median(delays):.0f} s in the median ({low_s:.0f}..{high_s:.0f} in 90 of 100); "
+            f"{missed} of {changes} (95 %: {ends[0]:.0%}..{ends[1]:.0%})",
             "median within 60 s", bool(np.median(delays) <= 60.0),
         )  # fmt: skip
 
