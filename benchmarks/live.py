@@ -380,6 +380,7 @@ def agreement() -> Iterator[Claim]:
     for name, where in places.items():
         told = [alarms(rng, 900.0, where, 600.0) for _ in range(changes)]
         delays = np.array([min((t for t in times if t >= 600.0), default=np.inf) - 600.0 for times in told])
+        low_s, high_s = np.quantile(delays, (0.05, 0.95), method="nearest")
         missed = int(np.sum(delays > 60.0))
         ends = (
             beta.ppf(0.025, missed, changes - missed + 1) if missed else 0.0,
@@ -387,7 +388,8 @@ def agreement() -> Iterator[Claim]:
         )
         yield Claim(
             f"agreement: 5 % less friction {name}: delay, and missed within 60 s",
-            f"{np.median(delays):.0f} s in the median; {missed} of {changes} (95 %: {ends[0]:.0%}..{ends[1]:.0%})",
+            f"{np.median(delays):.0f} s in the median ({low_s:.0f}..{high_s:.0f} in 90 of 100); "
+            f"{missed} of {changes} (95 %: {ends[0]:.0%}..{ends[1]:.0%})",
             "median within 60 s", bool(np.median(delays) <= 60.0),
         )  # fmt: skip
 

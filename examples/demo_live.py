@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -43,11 +43,12 @@ from model.touch_model import TouchModel
 RIG, MODEL, TEXTURE = "simulated-envelope", "reference", "linen"
 CARRIERS_HZ = (200.0, 2e3, 10e3)
 LIFTED = "contact_current_a_rms = [[1.0, 1.0], [1e6, 1.0]]  # A rms, lifted for what is shown"
-DRY_S, MOISTENING_S, WETNESS = 20.0, 4.0, 1.2  # of the finger's life, and of the effect skin_hydration
+DRY_S, MOISTENING_S, WETNESS = 17.0, 4.0, 1.2  # of the finger's life, and of the effect skin_hydration
 STEPS = 5  # of wetness, between which friction is taken as even
 LEASE_S = 20.0
 PIECE = 100  # ticks, some threads long: a busy machine is late, and that is not what is shown here
-SHOWN_S, MOST_S = 10.0, 120.0  # of what is shown; and to wait for anything
+SHOWN_S, MOST_S = 7.0, 120.0  # of what is shown; and to wait for anything
+ROWS = 50  # of another carrier, to ask why by: some 6 s of sliding
 
 
 @cache
@@ -144,6 +145,11 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
     def told(kind: str, beginning: str = "") -> bool:
         return any(event.kind == kind and event.message.startswith(beginning) for event in daemon.events(0))
 
+    def seen(carrier_hz: float) -> bool:
+        """Whether there is enough of a carrier to ask why; a busy machine has gaps, of which there are no rows."""
+        there = [row for row in list(daemon.basis.observer.rows) if row.row.setting.frequency_hz == carrier_hz]
+        return len(there) >= ROWS
+
     dry = watching.for_s(SHOWN_S, "a dry finger")
     watching.until(lambda: told("agreement"), "it becomes moist")
     print(f"  {daemon.status().disagreement}")
@@ -157,9 +163,9 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
     for carrier_hz in CARRIERS_HZ[1:]:
         daemon.disarm()
         daemon.use_model(MODEL, carrier_hz, feedback=False)
-        watching.for_s(SHOWN_S, f"the same at {carrier_hz:g} Hz")
+        watching.until(partial(seen, carrier_hz), f"the same at {carrier_hz:g} Hz")
     daemon.disarm()
-    daemon.ask_why((time.monotonic() - moist[0]) / 60.0)
+    daemon.ask_why((time.monotonic() - mended[0]) / 60.0)
     time_s, off = errors(np.concatenate(watching.samples))
     shares = {}
     for name, (start_s, end_s) in {"dry": dry, "moist": moist, "moist, mended": mended}.items():

@@ -168,10 +168,10 @@ class Observer:
 
     def hear(self, observed: Observed, base: SurfaceFile, ending: threading.Event) -> None:
         """Take in what the process says, unless it is to end; `base` is the surface of the model as it was."""
+        self.rows.extend(observed.rows)
         if observed.proposal is not None:
             with self._swapping:
                 self._propose(observed.proposal, base, ending)
-        self.rows.extend(observed.rows)
         self.cells = [AgreementCell.model_validate(cell) for cell in observed.cells]
         for found in observed.found:
             began = time.localtime(found.since_s + clock_offsets().wall_offset_s)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from contextlib import suppress
+from math import nan
 
 import numpy as np
 
@@ -70,7 +71,8 @@ class EnvelopeActuator(Actuator):
     adds its course to the output's stream, straight in voltage squared, which force follows. The stream is kept about
     `lead_s` long: so late is its end at the electrode, and so late may a `play` be. The output's own clock paces it;
     courses are a sample longer or shorter when need be. Without anything new the last voltage is held. A stream that
-    runs dry is zero, counted in `underruns`, and begins again from zero.
+    runs dry is zero, counted in `underruns`, and begins again from zero. Until SCPI has brought another carrier no
+    course rises: nobody has asked what its voltages may be at the present one.
     """
 
     name = "analog envelope"
@@ -86,11 +88,13 @@ class EnvelopeActuator(Actuator):
         self._rate_hz = sample_rate_hz
         self._lead_s = lead_s
         self._power_v2 = 0.0  # where the stream ends
+        self._carrier_hz = nan  # the one that is out
         self._resting = False
 
     def command(self, time_s: float, command: DriveCommand) -> None:
         """The carrier, at its highest as long as output is on; the amplitude is `play`'s."""
         self.rig.command(time_s, command._replace(voltage_v=self._full_scale_v if command.output_on else 0.0))
+        self._carrier_hz = command.frequency_hz
 
     def play(self, command: DriveCommand, course: Course) -> None:
         """Go on with the envelope; zero amplitude at once when the output is off."""
@@ -105,6 +109,8 @@ class EnvelopeActuator(Actuator):
                 f"{highest_v2**0.5:g} V does not fit a carrier of {self._full_scale_v:g} V (output: {evidence})",
                 "the stages before it should not have asked for that; look at the rig's limits",
             )
+        if command.frequency_hz != self._carrier_hz:
+            course = course._replace(powers_v2=np.minimum(course.powers_v2, self._power_v2))
         try:
             self._go_on(course)
         except OutputUnderrun:

@@ -93,6 +93,23 @@ def test_the_electrode_follows_the_voltages_straight_in_their_square_and_late_by
     assert bench.actuator.underruns == 0
 
 
+def test_the_voltage_of_a_new_carrier_waits_for_it(bench):
+    """SCPI brings the carrier 10 ms after the course of its voltages; what is more than before may be too much."""
+    bench.run(np.full(300, 20.0))
+    new = DriveCommand(100.0, 90.0, True)
+    while_old_v = []
+    for tick in range(40):
+        bench.actuator.play(new, to(90.0))
+        if tick == 10:
+            bench.actuator.command(bench.time_s, new)
+        old = bench.generator.output().frequency_hz == ON.frequency_hz
+        bench.step()
+        while_old_v += [max(bench.seen_v[-SAMPLES:])] if old else []
+    assert len(while_old_v) >= 10
+    assert max(while_old_v) == pytest.approx(20.0, rel=5e-3)
+    assert bench.seen_v[-1] == pytest.approx(90.0, rel=2e-3)
+
+
 def test_the_carrier_alone_puts_nothing_out(bench):
     seen_v = bench.run(np.zeros(300))
     assert seen_v.max() < 0.01
