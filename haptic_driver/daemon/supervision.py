@@ -25,6 +25,7 @@ from haptic_driver.processes.child import Child
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.rig.rig import require_verified
 from haptic_driver.rig.states import RigState
+from haptic_driver.signals import SLIDING_M_S
 from hw.errors import DeviceError
 
 START_TIMEOUT_S = 240.0  # compiling all kernels, on a busy machine
@@ -185,8 +186,14 @@ class Supervisor:
             self.instruments = connect_simulated(config, self.endpoints, self._orders.rig_says)
         else:
             self.instruments = connect_real(config, self._orders.rig_says)
-        self.instruments.estimate_force(lambda: self._shared.output.read().frequency_hz, lambda: self.settings.model)
+        self.instruments.estimate_force(self._sliding_carrier_hz, lambda: self.settings.model)
         self._orders.pump.actuator = self.instruments.actuator
+
+    def _sliding_carrier_hz(self) -> float | None:
+        """The carrier, while the finger slides."""
+        newest = self._shared.ring.newest(1)
+        slides = bool(newest.size) and newest["in_contact"][0] and newest["speed_m_s"][0] >= SLIDING_M_S
+        return float(newest["frequency_hz"][0]) if slides else None
 
     def _await_heard(self) -> None:
         until_s = self._clock() + START_TIMEOUT_S
