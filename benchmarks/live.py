@@ -263,7 +263,7 @@ class WithoutSensor(Bench):
             current_a *= 1.0 + real + 1j * imaginary
             reading = ElectrodeReading(power_v2**0.5, 0.0, current_a, CURRENT_NOISE * abs(current_a))
             felt = self._touch.felt(CARRIER_HZ, reading, min(now_s - self._read_s, PERIOD_S))
-            self._known, self._read_s = (felt.load_n, felt.load_n * felt.cof) if felt else (USUAL_N, np.nan), now_s
+            self._known, self._read_s = (felt.load_n, felt.load_n * felt.cof), now_s
         return self._known
 
 

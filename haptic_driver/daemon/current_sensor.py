@@ -14,6 +14,7 @@ from hw.force.sensor import ForceReading
 from hw.monitor.contract import ElectrodeReading
 
 PERIOD_S = 0.02  # between readings, and a monitor's own time
+AGE_S = 0.1
 
 ReadElectrode = Callable[[float], ElectrodeReading | None]
 """What is at the electrode at a carrier in Hz; None where no monitor tells it. Raises DeviceError."""
@@ -22,16 +23,18 @@ ReadElectrode = Callable[[float], ElectrodeReading | None]
 class CurrentSensor:
     """Asks the monitor in a thread of its own, from `start` on; a load is the usual one while nothing tells.
 
-    `stray_f` is what lies beside the finger, `carrier_hz` the carrier and `model` the name of the model of the moment.
+    `stray_f` is what lies beside the finger; `carrier_hz` the carrier of the moment, None unless the finger slides,
+    since a resting one is another touch; `model` the name of the model.
     """
 
     def __init__(
-        self, electrode: ReadElectrode, usual_n: float, stray_f: float, carrier_hz: Callable[[], float],
+        self, electrode: ReadElectrode, usual_n: float, stray_f: float, carrier_hz: Callable[[], float | None],
         model: Callable[[], str],
     ) -> None:  # fmt: skip
         self._electrode, self._usual_n, self._stray_f = electrode, usual_n, stray_f
         self._carrier_hz, self._model = carrier_hz, model
-        self._last = ForceReading(time.monotonic(), usual_n, nan, False)
+        self._felt_s = time.monotonic()
+        self._last = ForceReading(self._felt_s, usual_n, nan, False)
         self._failed: DeviceError | None = None
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="current", daemon=True)
@@ -41,10 +44,12 @@ class CurrentSensor:
         self._thread.start()
 
     def read(self) -> ForceReading:
-        """The newest estimate. Raises DeviceError when the monitor fails."""
+        """The newest estimate, or that nothing is known for AGE_S. Raises DeviceError when the monitor fails."""
         if self._failed is not None:
             raise self._failed
-        return self._last
+        now_s, last = time.monotonic(), self._last
+        known = now_s - last.time_s <= AGE_S
+        return last._replace(time_s=now_s) if known else ForceReading(now_s, self._usual_n, nan, False)
 
     def close(self) -> None:
         """End."""
@@ -67,7 +72,9 @@ class CurrentSensor:
 
     def _look(self, touch: TouchByCurrent) -> None:
         carrier_hz, now_s = self._carrier_hz(), time.monotonic()
-        reading = self._electrode(carrier_hz)
-        felt = None if reading is None else touch.felt(carrier_hz, reading, now_s - self._last.time_s)
+        reading = None if carrier_hz is None else self._electrode(carrier_hz)
+        felt = None
+        if reading is not None and carrier_hz is not None:
+            felt, self._felt_s = touch.felt(carrier_hz, reading, now_s - self._felt_s), now_s
         load_n, cof = felt or Felt(self._usual_n, nan)
         self._last = ForceReading(now_s, load_n, cof * load_n, False)

@@ -54,7 +54,7 @@ class Instruments:
             force.time_s, force.normal_force_n, force.lateral_force_n, force.saturated,
         )  # fmt: skip
 
-    def estimate_force(self, carrier_hz: Callable[[], float], model: Callable[[], str]) -> None:
+    def estimate_force(self, carrier_hz: Callable[[], float | None], model: Callable[[], str]) -> None:
         """Read the electrode's current in place of a force sensor that the rig's file says there is not."""
         given = self._config.force_sensor
         if self._config.friction_from_current and isinstance(given, NoForceSensorConfig):

@@ -13,6 +13,7 @@ import pickle
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.instruments import Instruments, connect_real, connect_simulated
@@ -25,6 +26,7 @@ from haptic_driver.processes.child import Child
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.rig.rig import require_verified
 from haptic_driver.rig.states import RigState
+from haptic_driver.signals import SLIDING_M_S
 from hw.errors import DeviceError
 
 START_TIMEOUT_S = 240.0  # compiling all kernels, on a busy machine
@@ -188,7 +190,7 @@ class Supervisor:
             self.instruments = connect_simulated(config, self.endpoints, self._orders.rig_says)
         else:
             self.instruments = connect_real(config, self._orders.rig_says)
-        self.instruments.estimate_force(lambda: self._shared.output.read().frequency_hz, lambda: self.settings.model)
+        self.instruments.estimate_force(partial(sliding_carrier_hz, self._shared), lambda: self.settings.model)
         self._orders.pump.actuator = self.instruments.actuator
 
     def _await_heard(self) -> None:
@@ -289,3 +291,10 @@ class Supervisor:
         thread = threading.Thread(target=work, args=arguments, name=work.__name__.strip("_"), daemon=True)
         self._threads.append(thread)
         thread.start()
+
+
+def sliding_carrier_hz(shared: SharedState) -> float | None:
+    """The carrier of the newest tick, while the finger slides."""
+    newest = shared.ring.newest(1)
+    slides = bool(newest.size) and newest["in_contact"][0] and newest["speed_m_s"][0] >= SLIDING_M_S
+    return float(newest["frequency_hz"][0]) if slides else None

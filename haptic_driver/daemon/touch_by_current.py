@@ -27,7 +27,7 @@ SPREAD = np.array([0.35, 0.15, 0.05, 1.0, 0.2])
 LASTS_S = np.array([2.0, 120.0, 120.0, 60.0, 120.0])
 FARTHEST = 3.0  # spreads from the usual finger
 FORM = 0.005  # of the current, 1 sigma: no finger is quite the model's
-LEAST_V = 5.0  # below, the current says little of attraction
+LEAST_V, QUIET_V = 5.0, 0.01  # below, the current says little of attraction; stands for none
 STEP = 1e-2  # of the numerical derivatives
 
 
@@ -46,14 +46,14 @@ class TouchByCurrent:
         self._own, self._load_n = replace(description, parameters=description.parameters | beside), load_n
         self._off, self._covariance = np.zeros(SPREAD.size), np.diag(SPREAD**2)
 
-    def felt(self, frequency_hz: float, reading: ElectrodeReading, elapsed_s: float) -> Felt | None:
-        """What is known with one more reading, so long after the last; None where it says nothing."""
+    def felt(self, frequency_hz: float, reading: ElectrodeReading, elapsed_s: float) -> Felt:
+        """What is known with one more reading, so long after the last; next to no voltage teaches nothing."""
         kept = np.exp(-elapsed_s / LASTS_S)
         self._off *= kept
         self._covariance = self._covariance * np.outer(kept, kept) + np.diag((1.0 - kept**2) * SPREAD**2)
         voltage_v = abs(reading.voltage_v)
         if voltage_v < LEAST_V or reading.current_a == 0.0:
-            return None
+            return self._expected(frequency_hz, max(voltage_v, QUIET_V), self._off)[0]
         moved = self._off + STEP * np.eye(SPREAD.size)[[0, 3, 4]]
         told, *beside = (self._expected(frequency_hz, voltage_v, off) for off in (self._off, *moved))
         slope = np.zeros((2, SPREAD.size))

@@ -94,7 +94,8 @@ class EnvelopeActuator(Actuator):
     def command(self, time_s: float, command: DriveCommand) -> None:
         """The carrier, at its highest as long as output is on; the amplitude is `play`'s."""
         self.rig.command(time_s, command._replace(voltage_v=self._full_scale_v if command.output_on else 0.0))
-        self._carrier_hz = command.frequency_hz
+        if command.output_on:
+            self._carrier_hz = command.frequency_hz
 
     def play(self, command: DriveCommand, course: Course) -> None:
         """Go on with the envelope; zero amplitude at once when the output is off."""

@@ -72,6 +72,17 @@ def test_a_whole_rig_comes_on_is_felt_and_goes_off(rig_config, served):
     assert devices.watchdog.pid is None
 
 
+def test_without_a_force_sensor_the_load_is_held_and_friction_unknown(tmp_path):
+    path = tmp_path / "without.toml"
+    said = '\n[force_sensor]\nkind = "none"\nload_n = 0.4\n[watchdog]\ngenerator = "none"\n'
+    path.write_text(as_real_rig("TCPIP::127.0.0.1::1::SOCKET") + said)
+    config = load_rig(str(path))
+    reading = connect_devices(config).force_sensor.read()
+    assert (reading.normal_force_n, reading.saturated) == (0.4, False)
+    assert np.isnan(reading.lateral_force_n)
+    assert not config.friction_from_current
+
+
 def test_what_fails_on_the_way_closes_what_was_opened(rig_config, served):
     config = as_real(rig_config, served.endpoints)
     config = config.model_copy(update={"force_sensor": config.force_sensor.model_copy(update={"port": 1})})
