@@ -6,6 +6,7 @@ machine, simulated instruments must answer within the time-outs of real ones.
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -24,12 +25,15 @@ settings.load_profile("project")
 
 
 LONGEST = ("test_docs", "test_daemon", "test_investigate", "test_stage_bench", "test_outside_generator", "test_kills")
+BELOW_DAEMONS = -3  # three workers share two processors with the daemons that they start
 AUTOGROUP = Path("/proc/self/autogroup")  # Linux shares a busy processor among sessions before it looks at niceness
 
 
 def pytest_configure() -> None:
     with suppress(OSError):
         AUTOGROUP.write_text("-10" if take_precedence() else "0")
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, BELOW_DAEMONS)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

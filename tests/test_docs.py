@@ -23,6 +23,7 @@ from typing import Any
 from unittest.mock import MagicMock
 
 import httpx
+import matplotlib.pyplot as plt
 import pytest
 import typer
 
@@ -203,6 +204,7 @@ def test_a_session_with_the_daemon_runs_as_shown(
                     done.add(line)
     finally:
         main(["disarm"])  # `haptic arm` ends with it
+        main(["reset"])  # whatever a busy machine did to this session, the next begins idle
         for line, terminal in terminals.items():
             if line != "haptic arm":
                 terminal.send_signal(signal.SIGINT)
@@ -244,6 +246,7 @@ def lab(daemon: dict[str, str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
     monkeypatch.setenv("MPLBACKEND", "agg")
     monkeypatch.chdir(tmp_path)
     yield daemon
+    plt.close("all")
     with HapticClient() as client:
         assert client.status().state is DaemonState.IDLE
 
