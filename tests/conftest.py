@@ -6,7 +6,6 @@ machine, simulated instruments must answer within the time-outs of real ones.
 
 from __future__ import annotations
 
-import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -24,20 +23,17 @@ settings.register_profile(
 settings.load_profile("project")
 
 
-LONGEST = ("test_docs", "test_daemon", "test_investigate", "test_stage_bench", "test_outside_generator", "test_kills")
-BELOW_DAEMONS = -3  # three workers share two processors with the daemons that they start
+LONGEST = ("test_docs", "test_investigate", "test_diagnose", "test_blind", "test_resolution", "test_learned")
 AUTOGROUP = Path("/proc/self/autogroup")  # Linux shares a busy processor among sessions before it looks at niceness
 
 
 def pytest_configure() -> None:
     with suppress(OSError):
         AUTOGROUP.write_text("-10" if take_precedence() else "0")
-    with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, BELOW_DAEMONS)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest files first, or a worker ends with one of them alone."""
+    """The longest files first, or a worker ends with one of them alone; beside the daemon of one, others compute."""
     items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
 
 
