@@ -23,18 +23,12 @@ settings.register_profile(
 settings.load_profile("project")
 
 
-LONGEST = ("test_docs", "test_investigate", "test_diagnose", "test_blind", "test_resolution", "test_learned")
 AUTOGROUP = Path("/proc/self/autogroup")  # Linux shares a busy processor among sessions before it looks at niceness
 
 
 def pytest_configure() -> None:
     with suppress(OSError):
         AUTOGROUP.write_text("-10" if take_precedence() else "0")
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest files first, or a worker ends with one of them alone; beside the daemon of one, others compute."""
-    items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

@@ -34,6 +34,7 @@ from haptic_driver.daemon.messages import DaemonState
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+LONG = [ROOT / "docs" / "diagnosis.md"]  # half a minute of what tests of the commands do on less data: with `make soak`
 SCRIPT = Path(sys.executable).with_name("haptic")
 HANG_S = 120.0
 
@@ -113,7 +114,9 @@ def done() -> set[str]:
     return set()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
+@pytest.mark.parametrize(
+    "page", [pytest.param(p, marks=pytest.mark.soak if p in LONG else ()) for p in PAGES], ids=name_of
+)
 def test_commands_run_as_shown(page: Path, reader: Path, done: set[str], capsys: pytest.CaptureFixture[str]) -> None:
     for command in commands(page, "sh"):
         if command not in done:

@@ -1,4 +1,4 @@
-"""Five fixed blind sets: what the diagnosis may and may not say. `make blind` runs the whole suite."""
+"""Five fixed blind sets: what the diagnosis may and may not say. With `make soak`; `make blind` has any number."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import pytest
 from tests.blind.evaluate import Answer, run
 
 ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.soak
 CLEAR = 75.0  # lambda from which an effect counts as clearly visible
 
 
