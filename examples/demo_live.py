@@ -198,7 +198,7 @@ def _page(url: str, path: Path) -> None:
         (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
     )
     try:
-        from playwright.sync_api import sync_playwright  # noqa: PLC0415
+        from playwright.sync_api import expect, sync_playwright  # noqa: PLC0415
     except ImportError:
         chromium = None
     if chromium is None:
@@ -208,7 +208,7 @@ def _page(url: str, path: Path) -> None:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         view = browser.new_page(viewport={"width": 1700, "height": 1150})
         view.goto(url)
-        view.wait_for_function("document.getElementById('state').textContent !== 'UNKNOWN'")
+        expect(view.locator("#state")).not_to_have_text("UNKNOWN", timeout=30_000)  # no script: the page allows none
         view.wait_for_timeout(3000)
         view.screenshot(path=path)
         browser.close()
