@@ -371,7 +371,7 @@ def understood(program: Any, line: str) -> bool:
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_commands_that_are_only_shown_are_understood(page: Path, program: Any) -> None:
-    for line in commands(page, "text"):
+    for line in [*commands(page, "text"), *(commands(page, "sh") if page in LONG else [])]:
         assert understood(program, line), line
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from math import nan
 
 from haptic_driver.daemon.touch_by_current import Felt, TouchByCurrent
+from haptic_driver.errors import HapticError
 from haptic_driver.surface.models import load_model
 from hw.errors import DeviceError
 from hw.force.sensor import ForceReading
@@ -60,13 +61,15 @@ class CurrentSensor:
     def _run(self) -> None:
         name, touch = "", None
         while not self._ending.wait(PERIOD_S):
-            if touch is None or name != self._model():
-                name = self._model()
-                touch = TouchByCurrent(load_model(name), self._usual_n, self._stray_f)
             try:
+                if touch is None or name != self._model():
+                    name, touch = self._model(), None
+                    touch = TouchByCurrent(load_model(name), self._usual_n, self._stray_f)
                 self._look(touch)
             except DeviceError as error:  # tried again, as a sensor is
                 self._failed = error
+            except HapticError as error:  # a model's file that has gone meanwhile
+                self._failed = DeviceError(error.message, error.hint)
             else:
                 self._failed = None
 

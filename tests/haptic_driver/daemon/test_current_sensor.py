@@ -13,7 +13,7 @@ from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.rig.config import load_rig
-from hw.errors import DeviceTimeout
+from hw.errors import DeviceError, DeviceTimeout
 from hw.monitor.contract import ElectrodeReading
 from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering
 from tests.waiting import until
@@ -75,5 +75,22 @@ def test_without_a_reading_the_load_is_the_usual_one_and_friction_unknown():
         reading = sensor.read()
         assert (reading.normal_force_n, np.isnan(reading.lateral_force_n), reading.saturated) == (USUAL_N, True, False)
         assert set(told) == {200.0}
+    finally:
+        sensor.close()
+
+
+def test_a_model_that_has_gone_is_told_and_not_a_silent_end():
+    sensor = CurrentSensor(lambda hz: None, USUAL_N, 0.0, lambda: 200.0, lambda: "gone")
+
+    def failed():
+        try:
+            sensor.read()
+        except DeviceError as error:
+            return error.message
+        return None
+
+    sensor.start()
+    try:
+        assert "gone" in until(failed)
     finally:
         sensor.close()
