@@ -35,6 +35,8 @@ LONGEST_S = 1.0
 SHARED_S = 1.0  # of a row's own scatter: so much counts what all rows say about the noise
 SETTLING_S = 0.05  # after another carrier: set points come 10 ms late, and friction needs 20 ms at SLOWEST_M_S
 TIMING_S = {"envelope": 0.001, "set_point": 0.010}  # so much early or late may the drive be
+LATER = (-1.0, 1.0, 2.0, 3.0)  # by how many of these it may be felt later than its budget says
+PLAINLY = 0.9  # of the scatter about the budget's timing: another one leaves less
 UNNOTICED_S = 0.2  # so long may an output have been without voltage before that is noticed
 SLOWEST_M_S = 0.003
 CUTOFF_PER_M = FeedbackSettings(0.0).cutoff_hz_per_m_s
@@ -45,7 +47,7 @@ LARGEST_CHANGE = np.array([[0.10], [0.30], [1e-6]])  # of load, speed, carrier, 
 ONE_POWER = 0.08  # a change of the voltage squared, relative, that is none
 NO_POWER_V2 = 1.0
 BINS = 5  # rows of a stretch, evenly spaced in the voltage squared, besides the one without voltage
-UNSURE = 0.25  # of a stretch's highest voltage squared: where timing matters more, a sample says little
+UNSURE = 0.16  # of a stretch's highest voltage squared: where timing matters more, a sample says little
 
 
 class Recorded(NamedTuple):
@@ -105,9 +107,10 @@ def cut(run: Run) -> list[Recorded]:
     found: list[Recorded] = []
     if run.samples.size < 2:
         return found
-    drive, lasted_s = _drive(run), []
+    strokes = list(_strokes(run.samples, run.attributes["latency_budget_s"]["total"] + SETTLING_S))
+    drive, lasted_s = _timed_drive(run, strokes), []
     session, stroke, ended_s, start_s = 1, 0, -np.inf, float(run.samples["time_s"][0])
-    for part in _strokes(run.samples, run.attributes["latency_budget_s"]["total"] + SETTLING_S):
+    for part in strokes:
         samples, during = run.samples[part], drive.during(part)
         windows = _windows(samples, during)
         rows = [row for window in windows for row in _rows(samples[window], during.during(window))]
@@ -159,13 +162,34 @@ class _Drive(NamedTuple):
         return _Drive(*(values[part] for values in self))
 
 
-def _drive(run: Run) -> _Drive:
-    """The commands as many seconds ago as they take to be felt; at 0 V the carrier is the last or the first one."""
+def _timed_drive(run: Run, strokes: Sequence[slice]) -> _Drive:
+    """The drive by its budget, or felt later or earlier than that where friction plainly says so."""
+    budget, *others = (_drive(run, later) for later in (0.0, *LATER))
+    scatters = [_scatter(run.samples, drive, strokes) for drive in others]
+    best = int(np.argmin(scatters))
+    return others[best] if scatters[best] < PLAINLY * _scatter(run.samples, budget, strokes) else budget
+
+
+def _scatter(samples: NDArray[np.void], drive: _Drive, strokes: Sequence[slice]) -> float:
+    """The friction squared that a line over the voltage squared leaves in each stroke: least at the right timing."""
+    left = 0.0
+    for part in strokes:
+        cof, power_v2 = (x[part] - x[part].mean() for x in (samples["measured_cof"].astype(np.float64), drive.power_v2))
+        left += float(cof @ cof - (cof @ power_v2) ** 2 / max(power_v2 @ power_v2, NO_POWER_V2))
+    return left
+
+
+def _drive(run: Run, later: float) -> _Drive:
+    """The commands as many seconds ago as they take to be felt, and `later` times what their timing may be off besides;
+    at 0 V the carrier is the last or the first one.
+    """
     from scipy.ndimage import maximum_filter1d, minimum_filter1d  # noqa: PLC0415 - slow to import
 
     latency, samples = run.attributes["latency_budget_s"], run.samples
     time_s, step_s = samples["time_s"], float(np.median(np.diff(samples["time_s"])))
+    timing_s = TIMING_S["envelope" if "envelope" in latency else "set_point"]
     felt_s = latency["total"] - latency["sensor"] - latency["tick"]  # as the daemon's own feedback has it
+    felt_s += later * timing_s
     place = np.maximum(np.searchsorted(time_s, time_s - felt_s, side="right") - 1, 0)
     voltage_v, driven = samples["voltage_v"][place], np.flatnonzero(samples["voltage_v"][place] > 0.0)
     carrier_hz = np.zeros(time_s.size)
@@ -178,7 +202,6 @@ def _drive(run: Run) -> _Drive:
     speed_m_s = np.nan_to_num(samples["speed_m_s"].astype(np.float64))
     power_v2 = _lagged(voltage_v**2, speed_m_s * np.diff(time_s, prepend=time_s[0]))
     power_v2[power_v2 < NO_POWER_V2] = 0.0
-    timing_s = TIMING_S["envelope" if "envelope" in latency else "set_point"]
     around = 1 + 2 * round(timing_s / step_s)
     unsure_v2 = maximum_filter1d(power_v2, around) - minimum_filter1d(power_v2, around)
     forces_n = np.stack([samples[name] for name in ("normal_force_n", "lateral_force_n")])
