@@ -293,7 +293,7 @@ def told(i: int, speed_m_s: float, sample: FingerSample, done: Tick) -> np.void:
     kept["tick"], kept["time_s"], kept["speed_m_s"] = i, sample.time_s, abs(speed_m_s)
     kept["normal_force_n"], kept["lateral_force_n"] = sample.normal_force_n, sample.lateral_force_n
     kept["in_contact"], kept["frequency_hz"] = done.finger.in_contact, done.command.frequency_hz
-    kept["voltage_v"] = done.command.voltage_v
+    kept["voltage_v"], kept["output_on"] = done.command.voltage_v, done.command.voltage_v > 0.0
     kept["measured_cof"] = abs(sample.lateral_force_n) / sample.normal_force_n
     return kept
 
