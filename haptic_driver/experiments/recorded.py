@@ -183,7 +183,7 @@ def _drive(run: Run, later: float) -> _Drive:
     """The commands as many seconds ago as they take to be felt, and `later` times what their timing may be off besides;
     at 0 V the carrier is the last or the first one.
     """
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d  # noqa: PLC0415 - slow to import
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d  # noqa: PLC0415 - slow to import
 
     latency, samples = run.attributes["latency_budget_s"], run.samples
     time_s, step_s = samples["time_s"], float(np.median(np.diff(samples["time_s"])))
@@ -201,9 +201,11 @@ def _drive(run: Run, later: float) -> _Drive:
     least_hz, most_hz = (f(carrier_hz, look_back, origin=origin) for f in (minimum_filter1d, maximum_filter1d))
     speed_m_s = np.nan_to_num(samples["speed_m_s"].astype(np.float64))
     power_v2 = _lagged(voltage_v**2, speed_m_s * np.diff(time_s, prepend=time_s[0]))
-    power_v2[power_v2 < NO_POWER_V2] = 0.0
     around = 1 + 2 * round(timing_s / step_s)
     unsure_v2 = maximum_filter1d(power_v2, around) - minimum_filter1d(power_v2, around)
+    if "envelope" in latency:  # early as often as late: the valleys of a texture are felt less deep
+        power_v2 = uniform_filter1d(power_v2, around)
+    power_v2[power_v2 < NO_POWER_V2] = 0.0
     forces_n = np.stack([samples[name] for name in ("normal_force_n", "lateral_force_n")])
     repeated = np.all(np.diff(forces_n, prepend=np.nan) == 0.0, axis=0)  # control was late: a reading of before
     unsure_v2[repeated] = np.inf
