@@ -42,7 +42,7 @@ from model.touch_model import TouchModel
 
 RIG, MODEL, TEXTURE = "simulated-envelope", "reference", "linen"
 CARRIERS_HZ = (200.0, 2e3, 10e3)
-SHOWN = {  # of the rig's file, for what is shown
+OF_RIG = {  # what the rig's file says otherwise, for what is shown
     "contact_current_a_rms": "[[1.0, 1.0], [1e6, 1.0]]  # A rms, lifted",
     "lead_s": "0.005  # an ordinary machine is late, and each gap costs a row",
 }
@@ -130,7 +130,7 @@ def demonstrate(out: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         rig = Path(folder, "demo.toml")
         text = find_config(RIG, "rigs").read_text()
-        for name, value in SHOWN.items():
+        for name, value in OF_RIG.items():
             text = re.sub(f"^{name} = .*", f"{name} = {value}", text, flags=re.MULTILINE)
         rig.write_text(text)
         with compilation_said("demo"):

@@ -108,7 +108,9 @@ def cut(run: Run) -> list[Recorded]:
     if run.samples.size < 2:
         return found
     strokes = list(_strokes(run.samples, run.attributes["latency_budget_s"]["total"] + SETTLING_S))
-    drive, lasted_s = _timed_drive(run, strokes), []
+    if not strokes:
+        return found
+    drive, lasted_s = _drive(run, _later_s(run, strokes)), []
     session, stroke, ended_s, start_s = 1, 0, -np.inf, float(run.samples["time_s"][0])
     for part in strokes:
         samples, during = run.samples[part], drive.during(part)
@@ -162,36 +164,53 @@ class _Drive(NamedTuple):
         return _Drive(*(values[part] for values in self))
 
 
-def _timed_drive(run: Run, strokes: Sequence[slice]) -> _Drive:
-    """The drive by its budget, or felt later or earlier than that where friction plainly says so."""
-    budget, *others = (_drive(run, later) for later in (0.0, *LATER))
-    scatters = [_scatter(run.samples, drive, strokes) for drive in others]
-    best = int(np.argmin(scatters))
-    return others[best] if scatters[best] < PLAINLY * _scatter(run.samples, budget, strokes) else budget
+def _later_s(run: Run, strokes: Sequence[slice]) -> float:
+    """How much later than by its budget the drive was felt; 0 where friction does not plainly say so."""
+    timing_s, cof = _timing_s(run), run.samples["measured_cof"].astype(np.float64)
+    at_budget = _scatter(cof, _power_v2(run, 0.0), strokes)
+    scatters = {later * timing_s: _scatter(cof, _power_v2(run, later * timing_s), strokes) for later in LATER}
+    best_s = min(scatters, key=scatters.__getitem__)
+    return best_s if scatters[best_s] < PLAINLY * at_budget else 0.0
 
 
-def _scatter(samples: NDArray[np.void], drive: _Drive, strokes: Sequence[slice]) -> float:
+def _scatter(cof: Array, power_v2: Array, strokes: Sequence[slice]) -> float:
     """The friction squared that a line over the voltage squared leaves in each stroke: least at the right timing."""
     left = 0.0
     for part in strokes:
-        cof, power_v2 = (x[part] - x[part].mean() for x in (samples["measured_cof"].astype(np.float64), drive.power_v2))
-        left += float(cof @ cof - (cof @ power_v2) ** 2 / max(power_v2 @ power_v2, NO_POWER_V2))
+        y, x = (values[part] - values[part].mean() for values in (cof, power_v2))
+        left += float(y @ y - (y @ x) ** 2 / max(x @ x, NO_POWER_V2))
     return left
 
 
-def _drive(run: Run, later: float) -> _Drive:
-    """The commands as many seconds ago as they take to be felt, and `later` times what their timing may be off besides;
-    at 0 V the carrier is the last or the first one.
+def _timing_s(run: Run) -> float:
+    return TIMING_S["envelope" if "envelope" in run.attributes["latency_budget_s"] else "set_point"]
+
+
+def _felt(run: Run, later_s: float) -> NDArray[np.intp]:
+    """Which sample's command each sample feels."""
+    latency, time_s = run.attributes["latency_budget_s"], run.samples["time_s"]
+    felt_s = latency["total"] - latency["sensor"] - latency["tick"] + later_s  # as the daemon's own feedback has it
+    place: NDArray[np.intp] = np.maximum(np.searchsorted(time_s, time_s - felt_s, side="right") - 1, 0)
+    return place
+
+
+def _power_v2(run: Run, later_s: float) -> Array:
+    """The lagged voltage squared of what is felt."""
+    samples, time_s = run.samples, run.samples["time_s"]
+    speed_m_s = np.nan_to_num(samples["speed_m_s"].astype(np.float64))
+    voltage_v = samples["voltage_v"][_felt(run, later_s)]
+    return _lagged(voltage_v**2, speed_m_s * np.diff(time_s, prepend=time_s[0]))
+
+
+def _drive(run: Run, later_s: float) -> _Drive:
+    """The commands as many seconds ago as they take to be felt, and `later_s`; at 0 V the carrier is the last or the
+    first one.
     """
     from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d  # noqa: PLC0415 - slow to import
 
-    latency, samples = run.attributes["latency_budget_s"], run.samples
+    samples, place = run.samples, _felt(run, later_s)
     time_s, step_s = samples["time_s"], float(np.median(np.diff(samples["time_s"])))
-    timing_s = TIMING_S["envelope" if "envelope" in latency else "set_point"]
-    felt_s = latency["total"] - latency["sensor"] - latency["tick"]  # as the daemon's own feedback has it
-    felt_s += later * timing_s
-    place = np.maximum(np.searchsorted(time_s, time_s - felt_s, side="right") - 1, 0)
-    voltage_v, driven = samples["voltage_v"][place], np.flatnonzero(samples["voltage_v"][place] > 0.0)
+    driven = np.flatnonzero(samples["voltage_v"][place] > 0.0)
     carrier_hz = np.zeros(time_s.size)
     if driven.size:
         last = np.maximum(np.searchsorted(driven, np.arange(time_s.size), side="right") - 1, 0)
@@ -199,11 +218,10 @@ def _drive(run: Run, later: float) -> _Drive:
     look_back = STEP + round(SETTLING_S / step_s)
     origin = (look_back - 1) // 2  # which makes the last sample the one that is asked about
     least_hz, most_hz = (f(carrier_hz, look_back, origin=origin) for f in (minimum_filter1d, maximum_filter1d))
-    speed_m_s = np.nan_to_num(samples["speed_m_s"].astype(np.float64))
-    power_v2 = _lagged(voltage_v**2, speed_m_s * np.diff(time_s, prepend=time_s[0]))
-    around = 1 + 2 * round(timing_s / step_s)
+    power_v2 = _power_v2(run, later_s)
+    around = 1 + 2 * round(_timing_s(run) / step_s)
     unsure_v2 = maximum_filter1d(power_v2, around) - minimum_filter1d(power_v2, around)
-    if "envelope" in latency:  # early as often as late: the valleys of a texture are felt less deep
+    if "envelope" in run.attributes["latency_budget_s"]:  # early as often as late: valleys are felt less deep
         power_v2 = uniform_filter1d(power_v2, around)
     power_v2[power_v2 < NO_POWER_V2] = 0.0
     forces_n = np.stack([samples[name] for name in ("normal_force_n", "lateral_force_n")])
