@@ -30,7 +30,7 @@ class SomeAnalogOutput(Vouched, PartSection):
     zero_level_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
     sample_rate_limit_hz: Positive
     buffer_s: Seconds = 0.1
-    lead_s: Annotated[FiniteFloat, Field(ge=0.0005, le=1.0)] = 0.003
+    lead_s: Annotated[FiniteFloat, Field(ge=0.0005, le=1.0)] = 0.005
     lease_s: Seconds = 0.5
     timeout_s: Seconds = 0.5
 
