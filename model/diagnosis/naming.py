@@ -58,7 +58,7 @@ def candidate(problem: Problem, kinds: tuple[type[Effect], ...], fit: Fit) -> Ca
     noise = problem.noise
     form = form_terms(problem, fit)
     alone = evidence(fit, noise, form)
-    bent = alone.bend * form
+    bent = alone.bend * form[:, : form.shape[1] if alone.bend else 0]
     return Candidate(kinds, fit, alone, bent, lambda: evidence_beside(fit, noise, problem.discrepancy, bent))
 
 

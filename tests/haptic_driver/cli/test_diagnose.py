@@ -15,6 +15,7 @@ import pytest
 from haptic_driver.cli.diagnose import once_more, place
 from haptic_driver.cli.main import main
 from haptic_driver.experiments.plan import load_plan
+from tests.reports import without_pictures
 
 KEYS = {"verdict", "adequate", "effects", "alternatives", "where", "fit", "model", "seed"}
 CATALOGUE = 20
@@ -39,6 +40,12 @@ def data(plan, tmp_path_factory):
     path = tmp_path_factory.mktemp("measured") / "data.csv"
     assert main(["measure", "--rig", "hidden_humidity", "--plan", str(plan), "--out", str(path), "--json"]) == 0
     return path
+
+
+@pytest.fixture
+def unillustrated():
+    with without_pictures():
+        yield
 
 
 def measured_friction(plan, path, seed: int) -> None:
@@ -88,6 +95,7 @@ def test_the_hidden_effect_is_found_or_listed(found) -> None:
     assert held["after"] < 0.5 * held["before"]
 
 
+@pytest.mark.usefixtures("unillustrated")
 def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(plan, tmp_path, capsys) -> None:
     out, data, more = tmp_path / "first", tmp_path / "data.csv", tmp_path / "more.csv"
     measured_friction(plan, data, 1)

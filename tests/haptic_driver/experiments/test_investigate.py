@@ -20,6 +20,7 @@ from model.conditions import Conditions
 from model.effects import BY_NAME
 from model.effects.interventions import INTERVENTIONS
 from model.touch_model import TouchModel
+from tests.reports import without_pictures
 
 # Two effects that no setting tells apart: sweat in columns is a conducting gap.
 SWEAT = {"sweat_film": {"share": 1e-3, "sweat_conductivity_s_per_m": 1e-4, "arrangement": 0.9}}
@@ -58,7 +59,8 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 def found(short: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Investigation, Path]:
     out = tmp_path_factory.mktemp("investigation")
     subject = Subject(hiding(SWEAT), load_model("reference"), short)
-    return investigate(subject, out, Budget(rounds=3)), out
+    with without_pictures():
+        return investigate(subject, out, Budget(rounds=3)), out
 
 
 @pytest.mark.timeout(600)
@@ -90,7 +92,8 @@ def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
     """As if it had been killed in its first round, after so many rows; too few of them to diagnose anything."""
     few = Plan(name="few", settings=tuple(Setting(f, 75.0, 0.5, 0.02) for f in (20.0, 100.0, 250.0)), repeats=2)
     subject = Subject(hiding(SWEAT), load_model("reference"), few)
-    investigate(subject, tmp_path / "first", Budget(rounds=1))
+    with without_pictures():
+        investigate(subject, tmp_path / "first", Budget(rounds=1))
     lines = (tmp_path / "first" / "round-1" / "data.csv").read_text().splitlines(keepends=True)
     cells, column = lines[2].split(","), lines[0].split(",").index("cof")
     kept = [*lines[:2], ",".join([*cells[:column], "0.5", *cells[column + 1 :]]), lines[3]]  # measured again: not 0.5
@@ -98,7 +101,8 @@ def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
     folder.mkdir(parents=True)
     (folder / "data.csv").write_text("".join(kept))
     shutil.copy(tmp_path / "first" / "round-1" / "data.csv.meta.json", folder)
-    again = investigate(subject, tmp_path / "again", Budget(rounds=1))
+    with without_pictures():
+        again = investigate(subject, tmp_path / "again", Budget(rounds=1))
     now = (folder / "data.csv").read_text().splitlines(keepends=True)
     assert now[:4] == kept
     assert again.rows == len(now) - 1 == len(lines) - 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
@@ -11,9 +13,12 @@ from haptic_driver.rig.config import load_rig
 from haptic_driver.surface.models import load_model
 from model.diagnosis.data import Measurements
 from model.diagnosis.resolution import Resolution, resolution
+from model.effects import BY_NAME
 from model.touch_model import TouchModel
 
 SETTINGS = tuple(Setting(f, v, 0.5, 0.02) for f in (20.0, 100.0, 250.0) for v in (50.0, 75.0, 110.0))
+FEW = ("series_resistance", "amplifier_slew_limit", "johnsen_rahbek", "humid_gap_conduction", "sweat_film",
+       "capillary_adhesion", "load_dependent_friction")  # fmt: skip
 PLAN = Plan(name="small", settings=(*SETTINGS, Setting(0.0, 0.0, 0.5, 0.02)), repeats=2)
 
 
@@ -21,6 +26,14 @@ def sets(cof_std: float) -> dict[str, Measurements]:
     found, refusals = ways(load_rig("simulated"), TouchModel(load_model("reference")), PLAN, cof_std)
     assert refusals == []
     return found
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few() -> Iterator[None]:
+    """Every two are compared: some of the catalogue, from every stage, stand for it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("model.diagnosis.resolution.testable_effects", lambda data, on: [BY_NAME[name] for name in FEW])
+        yield
 
 
 @pytest.fixture(scope="module")

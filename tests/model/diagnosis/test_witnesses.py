@@ -254,14 +254,14 @@ def measured(path: Path, finger: ModelDescription, seed: int) -> None:
 
 @pytest.fixture(scope="module")
 def diagnosed(tmp_path_factory):
-    """A diagnosis, and that of the same file's friction alone."""
+    """A diagnosis, and the data."""
     folder = tmp_path_factory.mktemp("witnesses")
 
-    def run(name: str, seed: int, **effects: dict[str, float]) -> tuple[Diagnosis, Diagnosis]:
+    def run(name: str, seed: int, **effects: dict[str, float]) -> tuple[Diagnosis, Measurements]:
         path = folder / f"{name}.csv"
         measured(path, hidden(**effects), seed)
         data = read_measurements(path)
-        return diagnose(FINGER, data), diagnose(FINGER, data.subset(data.of(FRICTION)))
+        return diagnose(FINGER, data), data
 
     return run
 
@@ -282,8 +282,8 @@ def test_nothing_hidden_but_leads(diagnosed) -> None:
 
 @pytest.mark.timeout(300)
 def test_a_resistance_that_friction_cannot_name(diagnosed, tmp_path) -> None:
-    found, friction = diagnosed("resistance", 2, series_resistance={"resistance_ohm": 3e4})
-    assert friction.name != "effect_found"
+    found, data = diagnosed("resistance", 2, series_resistance={"resistance_ohm": 3e4})
+    assert diagnose(FINGER, data.subset(data.of(FRICTION))).name != "effect_found"
     assert (found.name, names(found)) == ("effect_found", ["series_resistance"])
     content = write_report(found, FINGER, tmp_path, "resistance.csv")
     assert {"spectrum.svg", "fingerprint.svg", "fingerprint_1.svg", "fingerprint_2.svg"} <= {

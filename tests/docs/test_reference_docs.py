@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field
 from haptic_driver.rig.config import RigConfig
 from model.effects import BY_NAME
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 sys.path.insert(0, str(DOCS))
 reference = importlib.import_module("reference")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("", "tests/haptic_driver", "haptic_driver")
 PAGE = (ROOT / "docs" / "reliability.md").read_text(encoding="utf-8")
 

@@ -32,7 +32,7 @@ from haptic_driver.client import HapticClient
 from haptic_driver.config import find_config
 from haptic_driver.daemon.messages import DaemonState
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 LONG = [ROOT / "docs" / "diagnosis.md"]  # half a minute of what tests of the commands do on less data: with `make soak`
 SCRIPT = Path(sys.executable).with_name("haptic")
