@@ -17,7 +17,8 @@ from tests.haptic_driver.stand_ins import PlantSensor
 from tests.hw.analog.simulated_analog_output import SimulatedAnalogOutput
 from tests.hw.testing.memory import MemoryTransport
 
-RATE_HZ, SAMPLES, LEAD_S = 50e3, 50, 0.003
+RATE_HZ, SAMPLES = 50e3, 50
+LEAD_S = 0.005  # of the rig simulated-envelope
 ON = DriveCommand(250.0, 80.0, True)
 
 
