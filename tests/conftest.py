@@ -6,6 +6,7 @@ machine, simulated instruments must answer within the time-outs of real ones.
 
 from __future__ import annotations
 
+import signal
 from contextlib import suppress
 from pathlib import Path
 
@@ -27,6 +28,8 @@ AUTOGROUP = Path("/proc/self/autogroup")  # Linux shares a busy processor among 
 
 
 def pytest_configure() -> None:
+    # A shell without job control starts background jobs with SIGINT ignored, and tests interrupt what they start.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with suppress(OSError):
         AUTOGROUP.write_text("-10" if take_precedence() else "0")
 
