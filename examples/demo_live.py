@@ -178,7 +178,11 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
         time.sleep(0.5)
     print(f"  {why.said}")
     _draw(time_s, off, shares, why, out / "live.png")
-    print(f"picture: {out / 'live.png'}; page: {out / 'page.png'}")
+    made = f"picture: {out / 'live.png'}; page: {out / 'page.png'}"
+    if why.report is not None:  # which goes with the daemon
+        shutil.copytree(Path(why.report).parent, out / "why", dirs_exist_ok=True)
+        made += f"; report: {out / 'why' / 'report.html'}"
+    print(made)
 
 
 def _draw(time_s: Array, off: Array, shares: dict[str, tuple[float, float, float]], why: Why, path: Path) -> None:
