@@ -24,41 +24,54 @@ from model.support.errors import ModelError
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads would wait for each other over small matrices
 
-# The first line of each command's docstring, or its group's help: the help of `haptic` imports none of them. A module
-# is imported only when its command is asked for: `haptic off` must not wait for matplotlib.
-COMMANDS = {
+# Panels of `haptic --help`: the first line of each command's docstring, or its group's help. The help imports none of
+# them. A module is imported only when its command is asked for: `haptic off` must not wait for matplotlib.
+WITHOUT_RIG = {
+    "demo": "Slide a finger over a texture on a simulated rig and compare friction with its target.",
     "predict": "Predict force, friction and current for a table of conditions.",
     "surface": "Build, describe and draw the lookup surface.",
     "solve": "Find the frequency and voltage that give a target friction within the rig's limits.",
-    "demo": "Slide a finger over a texture on a simulated rig and compare friction with its target.",
-    "texture": "List, draw, check, import and play textures.",
+    "explore": "Draw the force's spectrum under several drives, the impedance, where force turns steep, and friction.",
+    "study": "Solve a surface for every finger of a study and say how friction, force and reach spread over them.",
+    "sensitivity": "Say how much each uncertain number adds to the spread of the electrostatic force (Sobol indices).",
+    "reproduce": "Compute figures 4 to 8 of the paper: pictures, CSV tables, and its statements beside what comes out.",
+    "simulate": "Serve the simulated instruments of a rig on loopback until interrupted, for any software to talk to.",
+}
+ON_A_RIG = {
+    "doctor": "Check a rig without energising it: identity, settings, limits, monitors, calibration dates, scheduling.",
+    "calibrate-touch": "Calibrate a rig's touch screen: touch known places as asked, and paste what it says.",
     "daemon": "Run the daemon.",
     "arm": "Arm, and hold the lease until Ctrl-C or `haptic disarm`; whatever ends this leaves the output off.",
     "set": "Ask for one friction everywhere; somebody must have armed.",
+    "texture": "List, draw, check, import and play textures.",
     "off": "Output to zero at once; whoever armed stays armed. Fails when the output cannot be shown to be off.",
     "disarm": "Output to zero at once, and end the lease, whoever holds it.",
-    "use": "Render by another model, such as one that `haptic calibrate` made for a finger; while the daemon is idle.",
-    "adapt": "Mend the finger's model while it renders, by what is felt, as its skin dries or moistens; or go back.",
-    "why": "Diagnose what was rendered so far, while rendering goes on: which effect is missing from the model.",
-    "reset": "Acknowledge a fault or trip whose cause is gone.",
     "status": "Say what the daemon does; `output_on` is null where nobody knows.",
     "watch": "Show state, friction, voltage and flags until Ctrl-C; in a pipe or with --json, a JSON object per line.",
+    "use": "Render by another model, such as one that `haptic calibrate` made for a finger; while the daemon is idle.",
+    "reset": "Acknowledge a fault or trip whose cause is gone.",
+}
+EXPERIMENTS = {
     "record": "Record every tick into a file, until --stop.",
     "mark": "Write a marker among the daemon's events and into the recording.",
     "export": "Write a run of a recording as CSV or Parquet, one row per tick.",
+    "experiment": "Run psychophysical experiments, try their design without a rig, and fit what was answered.",
+}
+DIAGNOSIS = {
     "measure": "Measure friction, and the electrode's voltage and current, over a plan's settings.",
     "diagnose": "Find where measured friction and the model disagree, name the missing effect, add it, and prove it.",
     "investigate": "Measure, diagnose, propose and measure again, until the missing effect has a name.",
     "calibrate": "Fit a finger's own numbers (roughness, skin thickness, leakage, friction at 0 V) to its data.",
-    "calibrate-touch": "Calibrate a rig's touch screen: touch known places as asked, and paste what it says.",
-    "study": "Solve a surface for every finger of a study and say how friction, force and reach spread over them.",
-    "sensitivity": "Say how much each uncertain number adds to the spread of the electrostatic force (Sobol indices).",
-    "explore": "Draw the force's spectrum under several drives, the impedance, where force turns steep, and friction.",
-    "reproduce": "Compute figures 4 to 8 of the paper: pictures, CSV tables, and its statements beside what comes out.",
-    "experiment": "Run psychophysical experiments, try their design without a rig, and fit what was answered.",
-    "simulate": "Serve the simulated instruments of a rig on loopback until interrupted, for any software to talk to.",
-    "doctor": "Check a rig without energising it: identity, settings, limits, monitors, calibration dates, scheduling.",
+    "why": "Diagnose what was rendered so far, while rendering goes on: which effect is missing from the model.",
+    "adapt": "Mend the finger's model while it renders, by what is felt, as its skin dries or moistens; or go back.",
 }
+PANELS = {
+    "Without a rig": WITHOUT_RIG,
+    "On a rig, simulated or real": ON_A_RIG,
+    "Record and experiment": EXPERIMENTS,
+    "When friction is not as the model says": DIAGNOSIS,
+}
+COMMANDS = {name for commands in PANELS.values() for name in commands}
 GROUPS = ("surface", "texture", "daemon", "experiment")
 CONTROL = (
     "arm",
@@ -111,13 +124,14 @@ def build_app(imported: Iterable[str] = COMMANDS) -> typer.Typer:
         epilog="Exit status: 0 done, 1 failed, 2 what was given cannot be used.",
     )  # fmt: skip
     app.callback()(_options)
-    for name, summary in COMMANDS.items():
-        if name not in imported:
-            app.command(name, help=summary)(_not_imported)
-        elif name in GROUPS:
-            app.add_typer(module_of(name).app, name=name)
-        else:
-            app.command(name)(getattr(module_of(name), "set_target" if name == "set" else name.replace("-", "_")))
+    for panel, commands in PANELS.items():
+        for name, summary in commands.items():
+            if name not in imported:
+                app.command(name, help=summary, rich_help_panel=panel)(_not_imported)
+            elif name in GROUPS:
+                app.add_typer(module_of(name).app, name=name)
+            else:
+                app.command(name)(getattr(module_of(name), "set_target" if name == "set" else name.replace("-", "_")))
     return app
 
 
