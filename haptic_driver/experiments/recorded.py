@@ -25,7 +25,7 @@ from haptic_driver.files import bad_input, write_rows
 from haptic_driver.processes.samples import Flag
 from haptic_driver.recording.read import Run, read_run, run_names
 from haptic_driver.render.feedback import FeedbackSettings
-from haptic_driver.signals import Array, Mask
+from haptic_driver.signals import SETTLED_M, Array, Mask
 from model.diagnosis.data import Measurements, read_measurements, together
 
 ENDINGS = (".h5", ".hdf5")
@@ -40,7 +40,6 @@ PLAINLY = 0.9  # of the scatter about the budget's timing: another one leaves le
 UNNOTICED_S = 0.2  # so long may an output have been without voltage before that is noticed
 SLOWEST_M_S = 0.003
 CUTOFF_PER_M = FeedbackSettings(0.0).cutoff_hz_per_m_s
-SETTLED_M = 0.0003  # of a stroke: before, the skin still stretches
 GAP_S = 0.005  # without a sample, or longer: another stroke
 PAUSE_S = 5.0  # between strokes, or longer: another session
 LARGEST_CHANGE = np.array([[0.10], [0.30], [1e-6]])  # of load, speed, carrier, within one stretch

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input
-from haptic_driver.signals import SLIDING_M_S, Array
+from haptic_driver.signals import SETTLED_M, SLIDING_M_S, Array
 from haptic_driver.textures.description import LONGEST_TABLE_ROWS, TEXTURE_COF
 from model.support.errors import nearest
 from model.support.tables import Table, read_table
@@ -91,12 +91,14 @@ def friction_over_position(strokes: Strokes, pitch_m: float, where: str) -> Felt
     """Friction of sliding contact in places `pitch_m` wide: the sum of lateral forces over the sum of loads.
 
     Strokes to either side count alike, so that a sensor's offset cancels where there are as many of both; where no
-    speed is known, every row in contact counts. Places where nobody slid are left out. `where` names the source in
-    errors: BadInputError where too little slides, or what it gives is no friction.
+    speed is known, every row in contact counts. Places where nobody slid are left out, and where a stroke begins or
+    turns the way over which the skin only stretches. `where` names the source in errors: BadInputError where too little
+    slides, or what it gives is no friction.
     """
     usable = (strokes.normal_force_n >= LEAST_LOAD_N) & np.isfinite(strokes.lateral_force_n + strokes.position_m)
     if strokes.speed_m_s is not None:
         usable &= np.abs(strokes.speed_m_s) >= SLIDING_M_S
+    usable &= _settled(strokes, usable)
     position_m, load_n, lateral_n = (column[usable] for column in strokes[:3])
     places = _places(position_m, pitch_m, f"{where}: {position_m.size} of {usable.size} rows slide in contact")
     count = np.bincount(places)
@@ -108,6 +110,14 @@ def friction_over_position(strokes: Strokes, pitch_m: float, where: str) -> Felt
         raise BadInputError("bad_strokes", said, "Are both forces in N, and their zeros right?")
     speed_m_s = np.nan if strokes.speed_m_s is None else float(np.median(np.abs(strokes.speed_m_s[usable])))
     return Felt(along_m, cof, float(usable.mean()), float(np.diff(along_m).max()), speed_m_s)
+
+
+def _settled(strokes: Strokes, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Rows [n] that lie a little beyond where the finger set out or turned, which the lateral force tells."""
+    side = np.where(usable, np.sign(strokes.lateral_force_n), 0.0)
+    begins = np.where(np.diff(side, prepend=0.0) != 0.0, np.arange(side.size), 0)
+    way_m = np.abs(strokes.position_m - strokes.position_m[np.maximum.accumulate(begins)])
+    return np.asarray(way_m >= SETTLED_M)
 
 
 def _places(position_m: Array, pitch_m: float, said: str) -> NDArray[np.intp]:

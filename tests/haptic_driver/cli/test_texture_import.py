@@ -87,6 +87,20 @@ def test_columns_may_have_other_names_and_no_times(haptic, tmp_path):
     assert done.said["speed_m_s"] is None
 
 
+@pytest.mark.parametrize("times", ["time_s,", ""])
+def test_where_a_stroke_turns_and_the_skin_only_stretches_nothing_is_read(haptic, tmp_path, times):
+    """Friction comes up over 0.2 mm of every stroke; a place that only such ways reach was read as 0.26."""
+    time, position, load, lateral = (column[:1500] for column in there_and_back())
+    starts = np.where(np.arange(position.size) < position.size / 2, position - position[0], position.max() - position)
+    lateral = lateral * np.minimum(starts / 0.2e-3, 1.0)
+    names, columns = f"{times}position_mm,normal_force_n,lateral_force_n", (1e3 * position, load, lateral)
+    write_csv(tmp_path / "strokes.csv", names, *((time, *columns) if times else columns))
+    said = haptic("texture", "import", tmp_path / "strokes.csv", "--out", tmp_path / "t.toml", "--json").said
+    everywhere_m = np.linspace(0.0102, 0.0398, 500)
+    assert along(tmp_path / "t.toml", everywhere_m) == pytest.approx(friction(everywhere_m), abs=0.01)
+    assert said["length_mm"] == pytest.approx(30.0, abs=0.2)
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_recording_becomes_friction_along_the_way_it_slides(haptic, tmp_path, axis):
     time, position, load, lateral = there_and_back()
@@ -204,8 +218,8 @@ REFUSED = [
     ("a.csv", ROW + "1,much,2\n", [], "not_a_number", "line 2: normal_force_n is 'much'", "0.5"),
     ("a.csv", STILL, [], "bad_strokes", "a.csv: 0 of 50 rows slide in contact", "faster than 2 mm/s"),
     ("a.csv", STILL.replace("0.01", "0.0"), [], "bad_strokes", "line 3: time_s does not rise", "Sort"),
-    ("a.csv", LONG, [], "bad_strokes", "over 8000 mm", "Are positions in the unit"),
-    ("a.csv", ROW + "\n".join(f"{i},0.5,300" for i in range(30)), [], "bad_strokes", "friction is 600 at 0 mm", "in N"),
+    ("a.csv", LONG, [], "bad_strokes", "over 7000 mm", "Are positions in the unit"),
+    ("a.csv", ROW + "\n".join(f"{i},0.5,300" for i in range(30)), [], "bad_strokes", "friction is 600 at 1 mm", "in N"),
     ("a.csv", ROW, ["--column", "positon_mm=x"], "bad_column", "--column positon_mm", "Did you mean 'position_mm'?"),
     ("a.csv", ROW, ["--column", "x"], "bad_column", "no sign =", "position_mm=x"),
     ("a.csv", STILL, ["--pitch-mm", "0"], "out_of_range", "--pitch-mm 0 mm", "0.02 to 10 mm"),
