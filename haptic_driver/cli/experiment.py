@@ -5,6 +5,7 @@ from __future__ import annotations
 import select
 import signal
 import sys
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -192,8 +193,11 @@ def _show(results: Sequence[Result], written: Sequence[str]) -> None:
         else:
             low, high = r.fit.interval_95
             found = f"{r.fit.function.threshold:.4g}", f"{low:.4g} to {high:.4g}", f"{r.fit.function.slope:.3g}"
-        table.add_row(r.participant, r.condition, str(r.trials), str(r.left_out), *found)
+        table.add_row(r.participant, r.condition, str(r.trials), str(len(r.left_out)), *found)
     stdout.print(table)
+    for r in results:
+        for why, trials in Counter(r.left_out).most_common():
+            stdout.print(f"left out of {r.participant}, {r.condition}: {why} ({trials})")
     for path in written:
         stdout.print(path)
 

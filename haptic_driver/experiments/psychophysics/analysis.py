@@ -21,15 +21,15 @@ from haptic_driver.experiments.psychophysics.methods import StaircaseMethod, con
 class Result:
     """One participant's answers to one condition. `fit` is None where they are too few, `why_none` says so.
 
-    `left_out`: trials that were not delivered. `staircase`: mean of the reversals of each session's staircase, and the
-    share of positive answers at which it comes to rest; None for other methods.
+    `left_out`: why, of each trial that was not delivered. `staircase`: mean of the reversals of each session's
+    staircase, and the share of positive answers at which it comes to rest; None for other methods.
     """
 
     participant: str
     task: str
     condition: str
     trials: int
-    left_out: int
+    left_out: tuple[str, ...]
     fit: Fit | None
     why_none: str = ""
     staircase: tuple[float, float] | None = None
@@ -38,7 +38,7 @@ class Result:
         """A line of the table of thresholds."""
         found: dict[str, str | float] = {
             "participant": self.participant, "task": self.task, "condition": self.condition, "trials": self.trials,
-            "left_out": self.left_out,
+            "left_out": len(self.left_out),
         }  # fmt: skip
         if self.fit is not None:
             function, (low, high) = self.fit.function, self.fit.interval_95
@@ -96,6 +96,7 @@ def _result(
 ) -> Result:
     every = [row for rows in by_session for row in rows]
     used = [row for row in every if row.delivered]
+    left_out = tuple(row.why_not_delivered for row in every if not row.delivered)
     levels = [row.felt_level if as_felt else row.level for row in used]
     found, why_none = None, ""
     try:
@@ -107,9 +108,7 @@ def _result(
         why_none = error.message
     settings = experiment.file.method
     staircase = _staircase(settings, by_session) if isinstance(settings, Staircase) else None
-    return Result(
-        participant, experiment.file.name, condition, len(used), len(every) - len(used), found, why_none, staircase
-    )
+    return Result(participant, experiment.file.name, condition, len(used), left_out, found, why_none, staircase)
 
 
 def _staircase(settings: Staircase, by_session: Sequence[Sequence[Row]]) -> tuple[float, float] | None:
