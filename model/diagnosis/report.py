@@ -80,7 +80,7 @@ def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription
         "effects": [
             {
                 "name": name,
-                "probability": verdict.probabilities.get(name, verdict.probability),
+                "probability": verdict.presence(name),
                 "parameters": {key: _number(p) for key, p in values.items()},
                 "indistinguishable_from": verdict.group.get(name, []),
             }

@@ -36,6 +36,7 @@ LIST_REMAINDER = 0.37  # and beside a list; pilot sets: strangers that effects h
 PRIOR_EFFECTS = 1.0 - PRIOR_NONE - PRIOR_UNKNOWN
 MIMICS = PRIOR_UNKNOWN / PRIOR_EFFECTS  # of an effect's prior: something unknown that looks like it, but for its form
 PARTICULAR = 0.25  # of a nat, what each nat beyond a discrepancy of any shape says against a look-alike; pilot sets
+MENDED = 3.0  # times what a discrepancy beside an effect adds, the effect's own form says beyond any; pilot sets
 ANOTHER_NATS = 3.0  # that one more effect must be worth, its prior counted
 SEVERAL_CERTAIN = 0.98
 MOST_NAMED = 2  # effects at once: of sets of three there are a thousand
@@ -77,6 +78,10 @@ class Verdict:
             return min(1.0, float(sum(self.probabilities.get(name, 0.0) for name in self.suspects)))
         return float(self.probabilities[NONE if self.verdict == "no_discrepancy" else UNKNOWN])
 
+    def presence(self, name: str) -> float:
+        """Probability that an effect of `chosen` is there; of several they share the 1 of `probabilities` evenly."""
+        return min(1.0, max(len(self.chosen.kinds), 1) * self.probabilities.get(name, self.probability))
+
 
 @dataclass(frozen=True)
 class Weighed:
@@ -95,8 +100,9 @@ class Weighed:
     def probabilities(self) -> dict[str, float]:
         """Posterior of none, unknown and every effect of the catalogue, summing to 1, the largest first.
 
-        Unknown is a discrepancy of any shape: beside the base model; beside the winner, where it wins there; and one
-        that looks like an effect of a form far off, which is the less likely the more the effect says in particular.
+        Unknown is a discrepancy of any shape: beside the base model; beside the winner, where it wins there and the
+        winner is not the effect itself in another form; and one that looks like an effect of a form far off, which is
+        the less likely the more the effect says in particular.
         """
         each = np.log(PRIOR_EFFECTS / (len(self.singles) + len(self.untestable)))
         base, winner = self.base, self.winner
@@ -104,7 +110,11 @@ class Weighed:
         unknown = [np.log(PRIOR_UNKNOWN) + base.beside_discrepancy.log_evidence]
         unknown += [np.log(MIMICS) + each + mimic(c, base) for c in self.singles]
         if beside_wins(winner):
-            unknown.append(np.log(PRIOR_UNKNOWN) + each + winner.beside_discrepancy.log_evidence)
+            more = np.log(PRIOR_UNKNOWN) + each + winner.beside_discrepancy.log_evidence
+            if of_another_form(winner, base):
+                logs[winner.name] = float(np.logaddexp(logs[winner.name], more))
+            else:
+                unknown.append(more)
         logs |= {NONE: float(np.log(PRIOR_NONE) + base.alone.log_evidence), UNKNOWN: float(logsumexp(unknown))}
         return _normalised(logs | {name: float(each + base.alone.log_evidence) for name in self.untestable})
 
@@ -123,6 +133,13 @@ def beside_wins(candidate: Candidate) -> bool:
     """Whether the data ask for a discrepancy of unknown shape beside the model."""
     factor = candidate.beside_discrepancy.log_evidence - candidate.alone.log_evidence
     return bool(factor > np.log(DISCREPANCY_WINS))
+
+
+def of_another_form(candidate: Candidate, base: Candidate) -> bool:
+    """Whether effects explain most by their own form, and a discrepancy beside them only mends that."""
+    own = candidate.alone.log_evidence - base.beside_discrepancy.log_evidence
+    mended = candidate.beside_discrepancy.log_evidence - candidate.alone.log_evidence
+    return bool(own > MENDED * mended)
 
 
 def mimic(candidate: Candidate, base: Candidate) -> float:
@@ -179,9 +196,9 @@ def decide(
         return _name_one(winner, group, probabilities)
 
     needed = _needed_beside_discrepancy(weighed, group)
-    remainder = _remainder(problem, winner, base)
+    remainder = 0.0 if of_another_form(winner, base) else _remainder(problem, winner, base)
     if winner.name in needed and remainder <= LIST_REMAINDER and probabilities[UNKNOWN] < 0.5:
-        why = f"needed even beside a discrepancy of unknown shape; what remains is {remainder:.0%} of its signature"
+        why = "needed even beside a discrepancy of unknown shape"
         for name in (*needed, *_credible(probabilities)):  # what is named alone has to be probable, too
             group += [name] if name not in (winner.name, *group) else []
         verdict = "ambiguous" if group or remainder > NAME_REMAINDER else "effect_found"
@@ -251,19 +268,19 @@ def _several(
     """The winner with what else is needed, where that fits; None where it does not, or where one is enough.
 
     Beside a winner that fits alone, a second effect counts by what the data say in favour of its form, as one of two
-    rivals would, and where both act at one place by more: another form of the one may look like the two. Beside a
-    winner that does not fit, it must do more than a discrepancy of unknown shape.
+    rivals would; beside one that does not fit, it must do more than a discrepancy of unknown shape. Where both act at
+    one place by more: another form of the one may look like the two.
     """
     chosen = weighed.winner
     while (more := search.best_with_one_more(chosen)) is not None:
         if search.gain(more) <= ANOTHER_NATS:
             return None
+        enough = KIN_NATS if len({kind.stage for kind in more.kinds}) < len(more.kinds) else ANOTHER_NATS
         if one_fits:
             gain = more.alone.log_evidence - chosen.alone.log_evidence
-            kin = len({kind.stage for kind in more.kinds}) < len(more.kinds)
-            return more if gain + ANOTHER > (KIN_NATS if kin else ANOTHER_NATS) else None
+            return more if gain + ANOTHER > enough else None
         added = len(more.kinds) - len(chosen.kinds)
-        if more.alone.log_evidence + added * ANOTHER - chosen.beside_discrepancy.log_evidence <= ANOTHER_NATS:
+        if more.alone.log_evidence + added * ANOTHER - chosen.beside_discrepancy.log_evidence <= enough:
             return None
         chosen = more
         if adequate(chosen, scan(chosen).lack_of_fit_p):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from model.diagnosis.verdict import DISCREPANCY_WINS, LACK_OF_FIT, adequate
+from model.diagnosis.verdict import DISCREPANCY_WINS, LACK_OF_FIT, MENDED, adequate, of_another_form
 
 
 @pytest.mark.parametrize(
@@ -18,3 +18,20 @@ def test_both_are_needed(odds: float, p: float, expected: bool) -> None:
     beside = SimpleNamespace(log_evidence=-3.0 + float(np.log(odds * DISCREPANCY_WINS)))
     candidate = SimpleNamespace(alone=alone, beside_discrepancy=beside)
     assert bool(adequate(candidate, p * LACK_OF_FIT)) is expected  # type: ignore[arg-type]
+
+
+def of_evidence(alone: float, beside: float) -> SimpleNamespace:
+    return SimpleNamespace(
+        alone=SimpleNamespace(log_evidence=alone), beside_discrepancy=SimpleNamespace(log_evidence=beside)
+    )
+
+
+@pytest.mark.parametrize(("own", "expected"), [(1.01, True), (0.99, False), (-1.0, False)])
+def test_a_form_that_is_only_mended_is_the_effects_own(own: float, expected: bool) -> None:
+    """`own` in units of what it must say beyond any discrepancy, where one beside it adds 10 nats.
+
+    A skin that stiffens by another law was unexplained, with 198 nats for its own form and 5 for what was left.
+    """
+    base = of_evidence(-300.0, -100.0)
+    candidate = of_evidence(-100.0 + own * MENDED * 10.0, -100.0 + own * MENDED * 10.0 + 10.0)
+    assert of_another_form(candidate, base) is expected  # type: ignore[arg-type]
