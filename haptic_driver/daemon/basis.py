@@ -16,6 +16,7 @@ from haptic_driver.daemon.supervision import Supervisor
 from haptic_driver.daemon.targets import Targets
 from haptic_driver.daemon.why import Inquiry
 from haptic_driver.processes.shared_memory import SharedState
+from haptic_driver.surface.build import is_of
 from haptic_driver.surface.file import SurfaceFile
 
 
@@ -51,7 +52,7 @@ class Basis:
     def use(self, name: str, carrier_hz: float | None, *, feedback: bool) -> None:
         """Solve a model's surface and let render begin anew with it. RefusedError unless idle and not recording.
 
-        Where it is the model that was used before, what was observed and mended is kept.
+        Where it is the model that was used before, nothing is solved, and what was observed and mended is kept.
         """
         with self._recordings.lock, self._targets.choosing:
             with self._orders.lock:
@@ -63,10 +64,12 @@ class Basis:
                 self._supervisor.claim_render()
             try:
                 before = replace(self.settings, carrier_hz=carrier_hz, feedback=feedback)
-                settings = before.with_model(name, self._loader.model(name))
-                same = settings.surface.content_hash == self._own.content_hash
+                description = self._loader.model(name)
+                same = is_of(self._own, description)
                 if same:
                     settings = before.with_surface(before.surface, before.render.surface)
+                else:
+                    settings = before.with_model(name, description)
             except BaseException:
                 self._supervisor.release_render()
                 raise

@@ -82,9 +82,9 @@ class Daemon:
         """Start everything; idle when it returns. Raises HapticError and DeviceError, with nothing left running."""
         try:
             self._orders.beat()
-            self._loader.start()
             self.supervisor.start()
             self._start_threads()
+            self._loader.start()  # what nobody waits for comes last
             self.basis.start()
             self.supervisor.await_all()
         except BaseException:

@@ -34,12 +34,13 @@ class Word(Enum):
 
 @dataclass(frozen=True)
 class ObserverSettings:
-    """What is expected, by the name of its model too, and when a command is felt."""
+    """What is expected, by the name of its model too, and when a command is felt; `period_s` between looks."""
 
     model: str
     surface: SurfaceFile
     limits: OperatingLimits
     latency_budget_s: dict[str, float]
+    period_s: float = 2.0  # a ring holds 16 s
 
 
 class Proposal(NamedTuple):

@@ -2,7 +2,7 @@
 
     python -m haptic_driver.daemon.observer DESCRIPTOR LINK < settings
 
-takes pickled `ObserverSettings`, and every PERIOD_S says what came of the ring's new samples.
+takes pickled `ObserverSettings`, and every `period_s` of them says what came of the ring's new samples.
 """
 
 from __future__ import annotations
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from haptic_driver.daemon.adaptation import Adaptation
 
 NAME = "observer"
-PERIOD_S = 2.0  # a ring holds 16 s
 ROWS_KEPT = 1000  # for a diagnosis
 RETRY_S = 1.0
 TOLD_S = 60.0  # between events of what was not mended
@@ -213,16 +212,17 @@ class Following:
 
 def main() -> None:
     """Observe until control hangs up."""
+    give_way()
     from haptic_driver.daemon.adaptation import Adaptation  # noqa: PLC0415 - slow to import, and control does without
 
-    give_way()
-    shared, settings = SharedState(int(sys.argv[1])), pickle.load(sys.stdin.buffer)
+    shared = SharedState(int(sys.argv[1]))
+    settings: ObserverSettings = pickle.load(sys.stdin.buffer)
     with compilation_said(NAME):
         following = Following(settings, Adaptation(load_model(settings.model), settings.limits))
     position, arming = shared.ring.position, shared.order.read().arming
     with Connection(int(sys.argv[2])) as link, suppress(EOFError, OSError):
         while True:
-            if link.poll(PERIOD_S):
+            if link.poll(settings.period_s):
                 following.hear(link.recv())
             if (now := shared.order.read().arming) != arming:
                 arming = now

@@ -12,15 +12,17 @@ import os
 import pickle
 import struct
 import zlib
-from typing import Any, Generic, NamedTuple, TypeVar, cast, get_type_hints
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar, cast, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.samples import COURSE, SAMPLE
-from haptic_driver.render.controller import ControllerSettings
-from haptic_driver.render.texture import Target
+
+if TYPE_CHECKING:  # not every process that has this memory waits for numba
+    from haptic_driver.render.controller import ControllerSettings
+    from haptic_driver.render.texture import Target
 
 RING_SAMPLES = 1 << 14  # 16 s at 1 kHz
 RING_COURSES = 1 << 6

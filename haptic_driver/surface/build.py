@@ -146,6 +146,12 @@ def build_surface(
     )
 
 
+def is_of(surface: SurfaceFile, description: ModelDescription) -> bool:
+    """Whether a surface was solved from just this model, the words about it included."""
+    about = surface.provenance
+    return about.get("model_hash") == description.content_hash and about["model"] == description.provenance()
+
+
 @cache
 def _programs() -> dict[str, str]:
     names = ("haptic-driver", "numpy", "scipy")

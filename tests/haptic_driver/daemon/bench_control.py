@@ -36,6 +36,7 @@ def serving(control, folder, *arguments, **options):
 
 class BenchControl:
     def __init__(self):
+        self.ahead_s = 0.0  # of the clock, as leases go by it
         self.machine = StateMachine()
         self.machine.connected()
         self.calls = []
@@ -60,8 +61,11 @@ class BenchControl:
         number, now_s = len(self.told) + 1, time.monotonic()
         self.told.append(Event(number=number, time_s=now_s, kind=kind, message=message, data=data or {}))
 
+    def _now_s(self):
+        return time.monotonic() + self.ahead_s
+
     def _expire(self):
-        if self.machine.armed and time.monotonic() > self.machine.lease_until_s:
+        if self.machine.armed and self._now_s() > self.machine.lease_until_s:
             self.machine.disarm()
             self._tell("lease", "the lease ran out; output off")
 
@@ -88,7 +92,7 @@ class BenchControl:
                 underruns=0,
                 flags=self.flags,
                 fault=self.machine.fault_reason,
-                lease_left_s=self.machine.lease_until_s - time.monotonic() if self.machine.armed else None,
+                lease_left_s=self.machine.lease_until_s - self._now_s() if self.machine.armed else None,
                 lease_holder=self.machine.holder,
                 actuator="none",
                 real_time=False,
@@ -110,19 +114,19 @@ class BenchControl:
         with self._lock:
             self._change("arm", lease_s)
             self.holders.append(holder)
-            lease = self.machine.arm(time.monotonic(), lease_s, holder)
+            lease = self.machine.arm(self._now_s(), lease_s, holder)
             self._tell("state", "armed")
             return lease
 
     def renew(self, token):
         with self._lock:
             self._change("renew")
-            return self.machine.renew(token, time.monotonic())
+            return self.machine.renew(token, self._now_s())
 
     def _render(self, token, cof, texture):
         with self._lock:
-            self.machine.renew(token, time.monotonic())
-            self.machine.render(token, time.monotonic())
+            self.machine.renew(token, self._now_s())
+            self.machine.render(token, self._now_s())
             self.cof, self.texture = cof, texture
             self._tell("target", texture or f"friction {cof:g}")
         return self.status()

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.config import find_config
-from haptic_driver.daemon import recordings
+from haptic_driver.daemon import recordings, supervision
 from haptic_driver.daemon.messages import DaemonState, TileRequest
 from haptic_driver.daemon.set_up import latency_budget_s
 from haptic_driver.errors import BadInputError, HapticError
@@ -140,16 +140,16 @@ def test_a_lost_client_takes_the_output_to_zero_and_the_lease_away(daemon, elect
     assert daemon.status().flags == []
 
 
-def test_another_fingers_model_is_used_from_then_on(daemon, settings, tmp_path):
+def test_another_fingers_model_is_used_from_then_on(daemon, settings, surface_file, tmp_path):
     """One for a skin held off the screen by half a micrometre; the finger, which is not, feels more than it expects."""
     reference = find_config("reference", "models").read_text()
     finger = tmp_path / "finger.toml"
     finger.write_text(re.sub(r"(gap_offset_m += {) value = 0.0,", r"\1 value = 0.5e-6,", reference))
     began = daemon.events(0)[-1].number
-    for name, is_more in ((str(finger), True), ("reference", False)):
+    other = build_surface(load_model(str(finger)), settings.config.operating_limits())
+    for name, expected, is_more in ((str(finger), other, True), ("reference", surface_file, False)):
         status = daemon.use_model(name)
         assert (status.state, status.model) == (DaemonState.IDLE, name)
-        expected = build_surface(load_model(name), settings.config.operating_limits())
         assert status.surface_hash == expected.content_hash
         assert np.nanmax(np.array(daemon.surface_map()["cof"], float)) == pytest.approx(
             np.nanmax(expected.cof[:, :, 2]), rel=0.01
@@ -196,8 +196,9 @@ def test_a_model_that_is_refused_leaves_the_daemon_as_it_was(daemon, tmp_path):
     assert daemon.arm(LEASE_S).token
 
 
-def test_running_out_of_file_descriptors_is_survived(daemon):
+def test_running_out_of_file_descriptors_is_survived(daemon, monkeypatch):
     """What died is tried again until descriptors are there again, and the daemon says what is in the way."""
+    monkeypatch.setattr(supervision, "RETRY_S", 0.1)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
     try:
@@ -253,6 +254,7 @@ def small_disk(tmp_path):
 def test_a_full_disk_is_told_rendering_goes_on_and_recording_resumes(daemon, small_disk, electrode_v, monkeypatch):
     """Once the daemon said "recording" for ever, of a file that said it was complete and was not."""
     monkeypatch.setattr(recordings, "SPACE_BYTES", 2 << 20)
+    monkeypatch.setattr(recordings, "LOOK_S", 0.1)
     ballast = small_disk / "ballast"
     path = small_disk / "run.h5"
     since = max(event.number for event in daemon.events(0))

@@ -114,7 +114,7 @@ def written(shared, samples):
 def test_an_observer_that_dies_is_started_again_and_mends_where_it_is_asked(shared, expected, law, rng):
     events, installed = EventLog(), []
     observer = Observer(shared, events, lambda surface, too_late: installed.append(surface) or True)
-    observer.start(expected)
+    observer.start(replace(expected, period_s=0.2))
     try:
         before = until(lambda: observer.pids.get("observer"))
         until(lambda: os.getpriority(os.PRIO_PROCESS, before) == 19)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from haptic_driver.daemon import supervision
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.instruments import connect_real
 from haptic_driver.daemon.messages import DaemonState, RefusedError
@@ -187,7 +188,8 @@ def _reset(daemon):
         return None
 
 
-def test_sensors_that_fall_silent_are_connected_anew(daemon, served):
+def test_sensors_that_fall_silent_are_connected_anew(daemon, served, monkeypatch):
+    monkeypatch.setattr(supervision, "RETRY_S", 0.1)
     before = daemon.supervisor.instruments
     served.instruments.force_box.inject(RdtFault.SILENCE, count=math.inf)
     until(lambda: daemon.status().state is DaemonState.FAULT)

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from haptic_driver.client import HapticClient
@@ -102,7 +103,11 @@ def test_a_surface_a_point_and_a_demo(haptic, rig, tmp_path):
     surface = tmp_path / "surface.h5"
     haptic("surface", "build", "--rig", rig, "--out", surface)
     assert haptic("solve", "--friction", 0.6, "--rig", rig, "--surface", surface)["cof"] == pytest.approx(0.6, rel=0.02)
-    said = haptic("demo", "--rig", rig, "--out", tmp_path / "demo")
+    trace = tmp_path / "stroke.csv"
+    rows = "".join(f"{t:.2f},{0.02 + 0.03 * t:.5f},{0.5 * (0.2 < t < 1.8)}\n" for t in np.arange(0.0, 2.0, 0.01))
+    trace.write_text("time_s,position_m,normal_force_n\n" + rows)
+    said = haptic("demo", "--rig", rig, "--surface", surface, "--trace", trace, "--out", tmp_path / "demo")
+    assert said["contact_time_s"] > 1.0
     assert said["share_within_5_percent"] > 0.5
     assert 0.0 < said["max_voltage_v"] <= 150.0
     assert said["output_on_without_contact_s"] < 0.1

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.surface.build import SurfaceAxes, axes_within, build_surface
+from haptic_driver.surface.build import SurfaceAxes, axes_within, build_surface, is_of
 from model.conditions import Conditions
 from model.effects.learned import LearnedForm, Term, learned_kind
 from model.parameters import Parameter
@@ -106,6 +106,14 @@ def test_provenance_says_all_that_is_needed_to_build_it_again(small_file, model_
 def test_the_same_model_gives_the_same_hash(small_file, model_description, limits):
     axes = SurfaceAxes(frequency_count=6, voltage_count=8, normal_force_count=4)
     assert build_surface(model_description, limits, axes).content_hash == small_file.content_hash
+
+
+def test_a_surface_knows_the_model_that_it_was_solved_from(model_description, small_file):
+    assert is_of(small_file, model_description)
+    assert not is_of(small_file, replace(model_description, about="another one's words"))
+    rougher = replace(model_description.parameters["roughness_rms_m"], value=25e-6)
+    parameters = {**model_description.parameters, "roughness_rms_m": rougher}
+    assert not is_of(small_file, replace(model_description, parameters=parameters))
 
 
 def test_another_finger_has_another_surface(model_description, limits, small_file):

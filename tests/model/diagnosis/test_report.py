@@ -17,8 +17,7 @@ import pytest
 from model.conditions import Conditions
 from model.description import ModelDescription, read_model
 from model.diagnosis.data import Array, read_measurements
-from model.diagnosis.page import sentence, write_html
-from model.diagnosis.pictures import pictures
+from model.diagnosis.page import sentence
 from model.diagnosis.report import report, write_report
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects import BY_NAME
@@ -40,6 +39,7 @@ class Case:
     effects: Effects
     distortion: Distortion | None = None
     stated_noise: bool = True
+    time_step_s: float = 0.0
 
 
 def _stranger(f: Array, v: Array, n: Array) -> Array:
@@ -47,7 +47,7 @@ def _stranger(f: Array, v: Array, n: Array) -> Array:
 
 
 CASES = (
-    Case("no_discrepancy", {}),
+    Case("no_discrepancy", {}, time_step_s=5.0),
     Case("effect_found", {"load_dependent_friction": {"exponent": 0.7}}),
     Case("ambiguous", {"series_resistance": {"resistance_ohm": 2e4}}),
     Case("unexplained", {}, _stranger),
@@ -71,7 +71,7 @@ def write_data(path: Path, case: Case) -> None:
         stated = ["cof_std"] if case.stated_noise else []
         writer.writerow(["frequency_hz", "voltage_v", "normal_force_n", "time_s", "session", "cof", *stated])
         for i, cof in enumerate(np.exp(log_cof)):
-            row = [f[i], v[i], n[i], 0.0, sessions[session[i]], cof, NOISE * cof]
+            row = [f[i], v[i], n[i], case.time_step_s * i, sessions[session[i]], cof, NOISE * cof]
             writer.writerow(row[: 6 + len(stated)])
 
 
@@ -213,7 +213,8 @@ def test_the_page_opens_with_the_verdict_in_words(run: Run) -> None:
 def test_pictures_are_vectors_of_a_sensible_size(run: Run) -> None:
     drawn = sorted((run.folder / "pictures").glob("*.svg"))
     expected = ["fingerprint", "held_out", "probabilities", "residual_map"] if run.case.stated_noise else []
-    assert [p.stem for p in drawn] == expected
+    over_time = ["residual_over_time"] if run.case.time_step_s else []  # where there is one
+    assert [p.stem for p in drawn] == expected + over_time
     for path in drawn:
         root = ElementTree.parse(path).getroot()
         assert root.tag.endswith("}svg")
@@ -225,7 +226,7 @@ def test_pictures_are_vectors_of_a_sensible_size(run: Run) -> None:
 
 def test_every_candidate_needs_data_to_be_tested(run: Run) -> None:
     untested = {e["name"]: e["why"] for e in run.content["not_tested"]}
-    if run.case.stated_noise:
+    if run.case.stated_noise and not run.case.time_step_s:
         assert untested["contact_ageing"] == "needs time_s, varied"
 
 
@@ -245,18 +246,6 @@ def test_two_effects_read_as_a_sentence() -> None:
     }
     expected = "Floating body and drive gain error are missing from the model: probability 0.980; "
     assert sentence(content) == expected + "adding them closes 91 % of the gap on data left out of the fit."
-
-
-def test_time_is_drawn_where_there_is_one(tmp_path: Path) -> None:
-    source = tmp_path / "d.csv"
-    write_data(source, CASES[0])
-    data = read_measurements(source)
-    timed = replace(data, columns=data.columns | {"time_s": np.arange(data.count) * 5.0})
-    found = diagnose(FINGER, timed)
-    drawn = pictures(found)
-    assert "residual_over_time" in drawn
-    write_html(report(found, FINGER, "model.toml"), drawn, tmp_path / "page.html")
-    assert (tmp_path / "page.html").read_text(encoding="utf-8").count("<img") == 5
 
 
 def test_a_model_with_the_effect_already_on_says_so(tmp_path: Path) -> None:

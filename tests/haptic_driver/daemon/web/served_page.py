@@ -45,8 +45,14 @@ expect.set_options(timeout=HANG_MS)
 class SlidingControl(BenchControl):
     """A finger that goes round on the screen, with a tick per millisecond of the clock; friction grows with y."""
 
-    lifted = False
-    aside_m = 0.0
+    def __init__(self):
+        super().__init__()
+        self.lifted = False
+        self.aside_m = 0.0
+
+    def begin_anew(self):
+        """As it was at first, behind the same server."""
+        self.__init__()
 
     def samples(self, since_tick, most):
         newest = int(time.monotonic() * 1e3)
@@ -82,12 +88,12 @@ class Served:
 
     def __init__(self, control, folder):
         self._control = control
-        self._folder = folder
+        self.socket = folder / "daemon.sock"
         self._port = 0
         self.start()
 
     def start(self):
-        self._place = Place(self._folder / "daemon.sock")
+        self._place = Place(self.socket)
         self._serving = serve(self._control, self._place, self._port, page=PAGE_FOLDER)
         self.url = self._serving.__enter__()
         self._port = urlsplit(self.url).port
@@ -112,19 +118,42 @@ class Served:
 # On a busy machine an answer may take longer than the 5 s that the page gives it.
 PATIENT = "{ const usual = AbortSignal.timeout.bind(AbortSignal); AbortSignal.timeout = (ms) => usual(6 * ms); }"
 
+# First of all who hear that the page is left; a report inside it may run no scripts.
+QUIETLY = """
+if (window === top)
+  addEventListener("pagehide", (event) => { if (window.quietly) event.stopImmediatePropagation(); });
+"""
+
 
 def opened(browser, served, width=1280, height=800):
     """The page, connected; `page.complaints` is everything that it wrote to the console and every failure."""
+    page = tab(browser, width, height)
+    load(page, served)
+    return page
+
+
+def tab(browser, width=1280, height=800):
+    """Where the page can be loaded."""
     page = browser.new_context(viewport={"width": width, "height": height}).new_page()
     page.set_default_timeout(HANG_MS)
-    page.add_init_script(PATIENT)
-    page.complaints, page.requested = [], []
+    page.add_init_script(PATIENT + QUIETLY)
     page.on("console", lambda message: page.complaints.append(message.text))
     page.on("pageerror", lambda error: page.complaints.append(str(error)))
     page.on("request", lambda request: page.requested.append(request.url))
+    return page
+
+
+def load(page, served):
+    """The page from its beginning, connected."""
+    page.complaints, page.requested = [], []
     page.goto(served.url)
     text(page, "#link", "connected")
-    return page
+
+
+def leave_quietly(page):
+    """Away from the page, which does not disarm: what is served next hears nothing of it."""
+    page.evaluate("window.quietly = true")
+    page.goto("about:blank")
 
 
 def text(page, selector, words):

@@ -17,8 +17,11 @@ from tests.haptic_driver.daemon.web.served_page import (
     arm,
     arm_and_set,
     expect,
+    leave_quietly,
+    load,
     opened,
     press_grey,
+    tab,
     text,
 )
 from tests.waiting import until
@@ -27,22 +30,59 @@ TILES_ASKED = "performance.getEntriesByType('resource').filter((one) => one.name
 PLOTS = ["friction", "surface", "trail"]
 
 
-@pytest.fixture
-def control():
+@pytest.fixture(scope="module")
+def one_control():
     return SlidingControl()
 
 
-@pytest.fixture
-def served(control, tmp_path):
-    served = Served(control, tmp_path)
+@pytest.fixture(scope="module")
+def served(one_control, tmp_path_factory):
+    served = Served(one_control, tmp_path_factory.mktemp("served"))
     yield served
     served.stop()
 
 
-@pytest.fixture
-def page(browser, served):
-    page = opened(browser, served)
+@pytest.fixture(scope="module")
+def one_tab(browser):
+    page = tab(browser)
     yield page
+    page.context.close()
+
+
+@pytest.fixture
+def control(one_control):
+    """One for all, idle and as it was."""
+    one_control.begin_anew()
+    return one_control
+
+
+@pytest.fixture
+def page(one_tab, served, control):
+    """Loaded anew, from a daemon that knows nothing of the page before."""
+    load(one_tab, served)
+    yield one_tab
+    one_tab.unroute_all()
+    leave_quietly(one_tab)
+
+
+PART_S = 0.5  # half of what the page takes for silence
+
+
+@pytest.fixture
+def hurried(browser, served, control):
+    """A page of its own, and a function that lets time pass for it and for the daemon."""
+    page = tab(browser)
+    page.clock.install()
+    load(page, served)
+
+    def let_pass(duration_s):
+        for _ in range(round(duration_s / PART_S)):
+            told = control.ticks
+            control.ahead_s += PART_S
+            page.clock.fast_forward(round(1e3 * PART_S))
+            until(lambda told=told: page.evaluate("1") and control.ticks > told)
+
+    yield page, let_pass
     page.context.close()
 
 
@@ -124,9 +164,13 @@ def test_a_texture_is_played_and_disarming_ends_the_lease(page, served):
     text(page, "#lease", "Nobody holds the lease.")
 
 
-def test_the_page_renews_its_lease_and_leaving_it_disarms(page, served, control):
+def test_the_page_renews_its_lease_and_leaving_it_disarms(hurried, served, control):
+    page, let_pass = hurried
     arm_and_set(page, "5")
-    until(lambda: page.evaluate("1") and control.calls.count(("renew",)) > 5)  # five per lease
+    for _ in range(6):  # five per lease
+        before = control.calls.count(("renew",))
+        let_pass(1.0)
+        until(lambda before=before: page.evaluate("1") and control.calls.count(("renew",)) > before)
     assert served.ask("/status")["state"] == "rendering"
     page.goto("about:blank")
     await_state(served, "idle")
@@ -165,7 +209,8 @@ def test_the_lease_is_as_long_as_one_says_and_says_whose_it_is(page, served, con
     assert served.ask("/status")["lease_holder"].startswith("a page (Chrome")
 
 
-def test_a_renewal_that_is_not_heard_does_not_end_the_lease(page, control):
+def test_a_renewal_that_is_not_heard_does_not_end_the_lease(hurried, control):
+    page, let_pass = hurried
     lost = []
 
     def once(route):
@@ -174,6 +219,7 @@ def test_a_renewal_that_is_not_heard_does_not_end_the_lease(page, control):
 
     page.route("**/renew", once)
     arm(page)
+    let_pass(4.0)
     until(lambda: page.evaluate("1") and len(lost) > 1 and control.calls.count(("renew",)) >= 1)
     expect(page.locator("#lease")).to_contain_text("This page holds the lease")
     text(page, "#state", "ARMED")

@@ -13,13 +13,13 @@ from haptic_driver.experiments.psychophysics.schedule import Trial
 from tests.haptic_driver.daemon.web import test_dashboard as dashboard
 from tests.haptic_driver.daemon.web.served_page import HANG_MS, expect, opened
 
-control, served = dashboard.control, dashboard.served
+one_control, control, served = dashboard.one_control, dashboard.control, dashboard.served
 QUESTION = Question(1, "Which one had more friction?", ("first", "second"), Trial(1, 1, "a", 0.1, 0, False, False), 0.1)
 
 
 @pytest.fixture
-def client(served, tmp_path):
-    with HapticClient(tmp_path / "daemon.sock") as client:
+def client(served, control):
+    with HapticClient(served.socket) as client:
         yield client
 
 
