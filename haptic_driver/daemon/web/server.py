@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -25,6 +26,8 @@ from haptic_driver.errors import HapticError
 LOOPBACK = "127.0.0.1"
 START_TIMEOUT_S = 20.0
 STARTED_POLL_S = 0.005
+TICK_S = 0.1  # of uvicorn
+LET_IN_S = 0.005  # for a connection that was just accepted to be known
 GRACE_S = 1  # for requests under way when the server ends
 MOST_MESSAGE_BYTES = 4096  # of a WebSocket client, which has nothing to say
 
@@ -58,10 +61,10 @@ def serve(daemon: Daemon, place: Place, tcp_port: int | None = None, page: Path 
 
 
 @contextmanager
-def _running(servers: list[tuple[uvicorn.Server, socket.socket]]) -> Iterator[None]:
+def _running(servers: list[tuple[_Server, socket.socket]]) -> Iterator[None]:
     """Each in a thread and an event loop of its own: what crowds one keeps nobody waiting at the other."""
 
-    def run(server: uvicorn.Server, listener: socket.socket) -> None:
+    def run(server: _Server, listener: socket.socket) -> None:
         asyncio.run(server.serve(sockets=[listener]))
 
     threads = [threading.Thread(target=run, args=one, name="api", daemon=True) for one in servers]
@@ -76,18 +79,46 @@ def _running(servers: list[tuple[uvicorn.Server, socket.socket]]) -> Iterator[No
         yield
     finally:
         for server, _ in servers:
-            server.should_exit = True
+            server.end()
         for thread in threads:
             thread.join()
         for _, listener in servers:
             listener.close()
 
 
-def _server(app: ASGIApp, off_lane: OffLane | None = None) -> uvicorn.Server:
+class _Server(uvicorn.Server):
+    """Ends as soon as it is told to; uvicorn looks every tenth of a second, and waits for one where nobody is left."""
+
+    def __init__(self, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self._told: Future[None] = Future()
+
+    def end(self) -> None:
+        """From any thread."""
+        self.should_exit = True
+        self._told.set_result(None)
+
+    async def main_loop(self) -> None:
+        """Until it is told to end."""
+        told, ticks = asyncio.wrap_future(self._told), 0
+        while not await self.on_tick(ticks):  # every tenth renews what responses say of the time
+            ticks += 1
+            await asyncio.wait([told], timeout=TICK_S)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Let requests under way end, where there are any."""
+        for server in self.servers:
+            server.close()
+        await asyncio.sleep(LET_IN_S)
+        if self.server_state.connections or self.server_state.tasks:
+            await super().shutdown(sockets)
+
+
+def _server(app: ASGIApp, off_lane: OffLane | None = None) -> _Server:
     class Listened(Connection):
         lane = off_lane
 
-    return uvicorn.Server(
+    return _Server(
         uvicorn.Config(
             app,
             http=Listened,
