@@ -148,7 +148,7 @@ async def _until_gone(socket: WebSocket, sending: Coroutine[Any, Any, None]) -> 
 
 
 def _answer_errors(app: FastAPI) -> None:
-    paths = sorted(path for path in app.openapi()["paths"])
+    paths = sorted({verb.path for verb in (*COMMANDS, *VIEWS)})  # the description is made when it is asked for
 
     @app.exception_handler(HapticError)
     async def refused(request: Request, error: HapticError) -> JSONResponse:

@@ -24,7 +24,7 @@ from haptic_driver.recording.process import Recorder
 from haptic_driver.recording.read import read_run, run_names
 from haptic_driver.recording.writer import Chunk, RunHeader, RunWriter, hidden_copy
 from tests.haptic_driver.daemon.ticks import made_tick
-from tests.waiting import HANG_S, until
+from tests.waiting import until
 
 VICTIM = Path(__file__).with_name("recording_victim.py")
 CONFIG = {"name": "bench 3", "limits": {"voltage_v": 120.0, "frequency_hz": [1.0, 1e6]}}
@@ -159,16 +159,24 @@ def test_a_relative_path_and_an_impossible_place_are_refused(tmp_path, header):
         RunWriter(tmp_path / "file" / "run.h5", header)
 
 
-def kill_while_it_writes(path, delay_s):
+@pytest.fixture
+def victims():
+    command = [sys.executable, str(VICTIM)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        yield process
+
+
+def kill_while_it_writes(victims, path, delay_s):
     """Samples that the victim had reported when it was killed; none before it has reported once."""
-    victim = subprocess.Popen([sys.executable, str(VICTIM), str(path)], stdout=subprocess.PIPE, text=True)
-    with victim:
-        reported = victim.stdout.readline()
-        time.sleep(delay_s)
-        victim.send_signal(signal.SIGKILL)
-        for line in victim.stdout:  # what was in the pipe
-            reported = line if line.endswith("\n") else reported
-        assert victim.wait(HANG_S) == -signal.SIGKILL
+    victims.stdin.write(f"{path}\n")
+    victims.stdin.flush()
+    said = [victims.stdout.readline() for _ in range(2)]  # in either order
+    pid, reported = (line.removeprefix("pid ") for line in sorted(said, key=lambda line: not line.startswith("pid")))
+    time.sleep(delay_s)
+    os.kill(int(pid), signal.SIGKILL)
+    while (line := victims.stdout.readline()) and not line.startswith("ended"):  # what was in the pipe
+        reported = line
+    assert line == f"ended {signal.SIGKILL:d}\n"
     return int(reported)
 
 
@@ -185,18 +193,19 @@ def check_survived(path, reported):
     np.testing.assert_array_equal(numbers, np.arange(1, count // 500 + 1))
 
 
-def test_a_recording_survives_kill_9_at_any_moment(tmp_path, rng):
+def test_a_recording_survives_kill_9_at_any_moment(tmp_path, rng, victims):
     path = tmp_path / "run.h5"
     for i in range(10):
-        reported = kill_while_it_writes(path, rng.uniform(0.0, 0.12))
+        reported = kill_while_it_writes(victims, path, rng.uniform(0.0, 0.12))
         check_survived(path, reported)
         assert run_names(path) == [f"run_{n + 1:04d}" for n in range(i + 1)]
 
 
 @pytest.mark.soak
-def test_a_recording_survives_200_kills(tmp_path, rng):
+def test_a_recording_survives_200_kills(tmp_path, rng, victims):
     for i in range(200):
-        check_survived(tmp_path / f"{i}.h5", kill_while_it_writes(tmp_path / f"{i}.h5", rng.uniform(0.0, 0.2)))
+        path = tmp_path / f"{i}.h5"
+        check_survived(path, kill_while_it_writes(victims, path, rng.uniform(0.0, 0.2)))
 
 
 def tell_ticks(shared, first, count):

@@ -206,7 +206,7 @@ def test_the_generator_itself_is_off_too_once_it_answers_again(rig_config, touch
 @pytest.mark.timeout(60)
 def test_a_generator_that_is_silent_from_the_start(stages, rig_config, touch):
     faulty = Faulty()
-    with SimulatedRig(quick(rig_config), touch, wrap=faulty) as bench:
+    with SimulatedRig(quick(rig_config, 0.05), touch, wrap=faulty) as bench:  # nothing will be answered in any time
         faulty.begin(Fault.SILENCE, math.inf)
         with pytest.raises(HapticError) as failed:
             render_slide(press(), GRATING, stages(GRATING), bench, lambda _: None)

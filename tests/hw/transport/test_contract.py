@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -34,6 +36,9 @@ KINDS = [
 ]  # fmt: skip
 LONG = bytes(range(256)) * 560  # 143,360 bytes of every value
 LONGEST_REPLY = 150_000
+QUESTIONS = 300  # of a thread
+SWITCH_S = 1e-5  # between threads, or without a wire one would be done before the other begins
+LATE_GONE = threading.Event()
 
 ANSWERS = {
     b"TWO?": b"first\nsecond\n",
@@ -55,6 +60,7 @@ class Instrument:
             raise Disconnect(b"+1.")
         if verb == b"LATE?":
             time.sleep(0.15)
+            LATE_GONE.set()
         if verb == b"BLOCK?":
             return b"%d,%d\n" % (len(rest), sum(rest))
         return rest + b"\n" if verb == b"ECHO?" else ANSWERS.get(verb, b"")
@@ -142,10 +148,12 @@ def test_silence_is_a_timeout_and_the_next_query_works(transport: Transport) -> 
 
 
 def test_a_late_answer_is_never_given_to_the_next_question(transport: Transport) -> None:
+    LATE_GONE.clear()
     with pytest.raises(DeviceTimeout):
         transport.query(b"LATE?\n", 0.05)
     assert transport.query(b"ECHO? mine\n", 5.0) == b"mine"
-    time.sleep(0.2)  # let the late answer go out
+    assert LATE_GONE.wait(30.0)
+    time.sleep(0.05)  # for it to arrive
     assert transport.query(b"ECHO? mine too\n", 5.0) == b"mine too"
 
 
@@ -156,7 +164,7 @@ def test_an_answer_nobody_asked_for_is_dropped(transport: Transport) -> None:
 
 def test_half_an_answer_is_a_timeout_and_is_dropped(transport: Transport) -> None:
     with pytest.raises(DeviceTimeout):
-        transport.query(b"PARTIAL?\n", 0.3)
+        transport.query(b"PARTIAL?\n", 0.1)
     assert transport.query(b"ECHO? whole\n", 5.0) == b"whole"
 
 
@@ -197,13 +205,22 @@ def test_an_error_says_what_where_and_what_to_do(transport: Transport) -> None:
     assert caught.value.hint
 
 
+@pytest.fixture
+def eager_threads() -> Iterator[None]:
+    usual_s = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_S)
+    yield
+    sys.setswitchinterval(usual_s)
+
+
+@pytest.mark.usefixtures("eager_threads")
 def test_threads_get_their_own_answers(transport: Transport) -> None:
     def ask(thread: int) -> list[bytes]:
-        return [transport.query(b"ECHO? %d-%d\n" % (thread, i), 30.0) for i in range(1000)]
+        return [transport.query(b"ECHO? %d-%d\n" % (thread, i), 30.0) for i in range(QUESTIONS)]
 
     with ThreadPoolExecutor(2) as pool:
         answers = list(pool.map(ask, range(2)))
-    assert answers == [[b"%d-%d" % (thread, i) for i in range(1000)] for thread in range(2)]
+    assert answers == [[b"%d-%d" % (thread, i) for i in range(QUESTIONS)] for thread in range(2)]
 
 
 def test_an_exchange_keeps_other_threads_out(transport: Transport) -> None:

@@ -9,8 +9,9 @@ import select
 import socket
 import stat
 import threading
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import httpx
 import pytest
@@ -21,7 +22,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect, unix_connect
 
 from haptic_driver.daemon.messages import DaemonState
-from haptic_driver.daemon.web import connections
+from haptic_driver.daemon.web import connections, security
 from haptic_driver.daemon.web.api import create_app
 from haptic_driver.daemon.web.security import TokenGate
 from haptic_driver.errors import HapticError
@@ -37,20 +38,40 @@ def control():
     return BenchControl()
 
 
+def client_of(folder, **options):
+    """A client on the Unix socket."""
+    transport = httpx.HTTPTransport(uds=str(folder / "d.sock"), **options)
+    return httpx.Client(transport=transport, base_url="http://haptic")
+
+
 @pytest.fixture
 def unix(control, tmp_path):
-    """A client on the Unix socket."""
-    transport = httpx.HTTPTransport(uds=str(tmp_path / "d.sock"))
-    with serving(control, tmp_path), httpx.Client(transport=transport, base_url="http://haptic") as client:
+    with serving(control, tmp_path), client_of(tmp_path) as client:
         yield client
 
 
-@pytest.fixture
-def tcp(control, tmp_path):
-    """(host:port, token) of the API over TCP."""
-    with serving(control, tmp_path, 0) as url:
+class Shared(NamedTuple):
+    """One API for what must change nothing: over its Unix socket, and over TCP."""
+
+    control: BenchControl
+    unix: httpx.Client
+    address: str
+    token: str
+
+
+@pytest.fixture(scope="module")
+def served_once(tmp_path_factory):
+    control, folder = BenchControl(), tmp_path_factory.mktemp("shared")
+    with serving(control, folder, 0) as url, client_of(folder) as client:
         base, _, token = url.partition("/page/?token=")
-        yield base.removeprefix("http://"), token
+        yield Shared(control, client, base.removeprefix("http://"), token)
+
+
+@pytest.fixture
+def shared(served_once):
+    assert served_once.control.machine.state is DaemonState.IDLE
+    served_once.control.calls.clear()
+    return served_once
 
 
 def error_of(response):
@@ -101,10 +122,10 @@ def test_arm_set_off_disarm(unix, control):
         ("PUT", "/status", b"", 405, "method_not_allowed"),
     ],
 )
-def test_what_is_wrong_is_said_and_changes_nothing(unix, control, method, path, body, status, code):
-    answer = unix.request(method, path, content=body, headers={"Content-Type": "application/json"})
+def test_what_is_wrong_is_said_and_changes_nothing(shared, method, path, body, status, code):
+    answer = shared.unix.request(method, path, content=body, headers={"Content-Type": "application/json"})
     assert error_of(answer) == (status, code)
-    assert control.machine.state is DaemonState.IDLE
+    assert shared.control.machine.state is DaemonState.IDLE
 
 
 def test_anothers_lease_is_forbidden(unix, control):
@@ -113,20 +134,20 @@ def test_anothers_lease_is_forbidden(unix, control):
     assert control.machine.state is DaemonState.ARMED
 
 
-def test_a_body_without_a_length_is_limited_too(unix):
+def test_a_body_without_a_length_is_limited_too(shared):
     def endless():
         for _ in range(100):
             yield b" " * 1000
 
-    assert error_of(unix.post("/record", content=endless())) == (413, "too_large")
+    assert error_of(shared.unix.post("/record", content=endless())) == (413, "too_large")
 
 
-def test_a_near_miss_is_offered_the_path(unix):
-    assert "Did you mean '/status'?" in unix.get("/statu").json()["error"]["hint"]
+def test_a_near_miss_is_offered_the_path(shared):
+    assert "Did you mean '/status'?" in shared.unix.get("/statu").json()["error"]["hint"]
 
 
-def test_samples_are_columns_of_strict_json(unix):
-    text = unix.get("/samples", params={"most": 3}).text
+def test_samples_are_columns_of_strict_json(shared):
+    text = shared.unix.get("/samples", params={"most": 3}).text
     columns = json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
     assert columns["lateness_s"] == [15e-6, 3e-3, 1.0]
     assert columns["measured_cof"] == [0.5, 0.5, None]
@@ -135,8 +156,7 @@ def test_samples_are_columns_of_strict_json(unix):
 def test_off_does_not_wait_for_requests_that_hang(control, tmp_path):
     release = threading.Event()
     control.renew = lambda token: release.wait(HANG_S)
-    transport = httpx.HTTPTransport(uds=str(tmp_path / "d.sock"), limits=httpx.Limits(max_connections=None))
-    with serving(control, tmp_path), httpx.Client(transport=transport, base_url="http://haptic") as client:
+    with serving(control, tmp_path), client_of(tmp_path, limits=httpx.Limits(max_connections=None)) as client:
         hanging = [
             threading.Thread(target=client.post, args=("/renew",), kwargs={"timeout": HANG_S}) for _ in range(60)
         ]
@@ -209,15 +229,18 @@ def test_off_is_heard_while_strangers_crowd_the_port(control, tmp_path, monkeypa
                 release.set()
 
 
-def test_half_open_requests_are_ended(control, tmp_path):
-    with serving(control, tmp_path, 0) as url:
-        for sent in (b"", b"GET /status HTTP/1.1\r\nHost:"):
-            with socket.create_connection(("127.0.0.1", httpx.URL(url).port), timeout=HANG_S) as stream:
-                stream.sendall(sent)
-                assert stream.recv(1) == b""
+@pytest.mark.parametrize("sent", [b"", b"GET /status HTTP/1.1\r\nHost:"])
+def test_half_open_requests_are_ended(shared, monkeypatch, sent):
+    monkeypatch.setattr(connections, "HEADERS_TIMEOUT_S", 0.2)
+    host, _, port = shared.address.partition(":")
+    stream = socket.create_connection((host, int(port)), timeout=HANG_S)
+    with stream, suppress(ConnectionError):  # ended while something was still on its way
+        stream.sendall(sent)
+        assert stream.recv(1) == b""
 
 
-def test_a_body_that_does_not_come_is_given_up(control, tmp_path):
+def test_a_body_that_does_not_come_is_given_up(control, tmp_path, monkeypatch):
+    monkeypatch.setattr(security, "BODY_TIMEOUT_S", 0.1)
     with serving(control, tmp_path), at_unix(tmp_path) as stream:
         stream.sendall(b"POST /record HTTP/1.1\r\nHost: haptic\r\nContent-Length: 1000\r\n\r\n{")
         assert said_at(stream) == (408, "too_late")
@@ -255,8 +278,8 @@ def test_socket_and_token_file_are_this_users_alone(control, tmp_path):
     assert not list(tmp_path.glob("d.sock.token"))
 
 
-def test_it_listens_on_loopback_alone(tcp):
-    port = int(tcp[0].split(":")[1])
+def test_it_listens_on_loopback_alone(shared):
+    port = int(shared.address.split(":")[1])
     states = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
     listening = {row[1] for row in states if row[3] == "0A" and row[1].endswith(f":{port:04X}")}
     assert listening == {f"0100007F:{port:04X}"}
@@ -284,8 +307,8 @@ def ask(address, method, path, **headers):
         connection.close()
 
 
-def test_the_token_opens_tcp(tcp):
-    address, token = tcp
+def test_the_token_opens_tcp(shared):
+    address, token = shared.address, shared.token
     status, said = ask(address, "GET", "/status", Host=address, Authorization=f"Bearer {token}")
     assert (status, said["state"]) == (200, "idle")
     assert ask(address, "GET", f"/status?token={token}", Host=address)[0] == 200
@@ -305,8 +328,8 @@ def test_the_token_opens_tcp(tcp):
         ({"Authorization": "Bearer {token}", "Origin": "http://localhost:1"}, 403, "bad_origin"),
     ],
 )
-def test_strangers_over_tcp_change_nothing(tcp, control, headers, status, code):
-    address, token = tcp
+def test_strangers_over_tcp_change_nothing(shared, headers, status, code):
+    address, token = shared.address, shared.token
     port = address.split(":")[1]
     filled = {
         name: value.format(token=token, port=port) for name, value in ({"Host": "127.0.0.1:{port}"} | headers).items()
@@ -314,7 +337,7 @@ def test_strangers_over_tcp_change_nothing(tcp, control, headers, status, code):
     for path in [*CHANGES, "/none"]:
         said = ask(address, "POST", path, **filled)
         assert (said[0], said[1]["error"]["code"]) == (status, code)
-    assert control.calls == []
+    assert shared.control.calls == []
 
 
 def test_the_page_is_open_but_nothing_else(control, tmp_path):
@@ -372,8 +395,8 @@ def test_events_come_once_each_and_in_order(unix, control, tmp_path):
 
 
 @pytest.mark.parametrize("stream", ["/state", "/events"])
-def test_streams_over_tcp_need_token_and_origin(tcp, stream):
-    address, token = tcp
+def test_streams_over_tcp_need_token_and_origin(shared, stream):
+    address, token = shared.address, shared.token
     for query, origin in (("", None), (f"?token={token}", "http://evil.example")):
         with pytest.raises(InvalidStatus), connect(f"ws://{address}{stream}{query}", origin=origin):
             pass

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 
 import pytest
@@ -18,6 +18,7 @@ from hw.generator.settings import GeneratorSettings
 from hw.serving.tcp import TcpServer
 from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
+from tests.clock import ManualClock
 from tests.hw.generator.asking import read_output
 from tests.hw.instruments import IMMEDIATE
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
@@ -39,9 +40,9 @@ EXPECTED = {
 
 
 class Bench:
-    def __init__(self) -> None:
+    def __init__(self, sleep: Callable[[float], None] = time.sleep) -> None:
         self.generator = Simulated33220A(IMMEDIATE)
-        self.line = FaultyInstrument(self.generator)
+        self.line = FaultyInstrument(self.generator, sleep=sleep)
 
     def connect(self, transport: Transport) -> None:
         self.transport = transport
@@ -56,11 +57,13 @@ class Bench:
 
 @pytest.fixture(params=["tcp", "memory"])
 def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
-    bench = Bench()
     if request.param == "memory":
-        bench.connect(MemoryTransport(bench.line))
+        clock = ManualClock()
+        bench = Bench(clock.sleep)
+        bench.connect(MemoryTransport(bench.line, clock=clock))
         yield bench
         return
+    bench = Bench()
     with TcpServer(bench.line) as server, closing(TcpTransport(server.host, server.port)) as transport:
         bench.connect(transport)
         yield bench
