@@ -25,7 +25,6 @@ from haptic_driver.experiments.stroke import stage_of, stroke
 from haptic_driver.rig import devices
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
-from haptic_driver.simulation import served as served_rig
 from haptic_driver.simulation.friction import electrode_of
 from haptic_driver.simulation.served import NORMAL_FORCE_N, ServedRig, as_real
 from hw.force.sensor import ForceReading
@@ -41,21 +40,18 @@ from tests.haptic_driver.stand_ins import living_rig
 pytestmark = pytest.mark.timeout(300)
 
 SPEED_M_S = 0.02
-TRAVEL_M = 0.06  # hardly more than a stroke takes: its beginning is soon reached
 DRIVEN = Setting(250.0, 75.0, NORMAL_FORCE_N, SPEED_M_S)
 
 
 @pytest.fixture
-def served(config: RigConfig, model: TouchModel, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedRig]:
-    """Its stage begins near home."""
-    monkeypatch.setattr(served_rig, "START_MM", 0.5)
+def served(config: RigConfig, model: TouchModel) -> Iterator[ServedRig]:
     with living_rig(config, model) as rig:
         yield rig
 
 
 @pytest.fixture
 def real(config: RigConfig, served: ServedRig) -> RigConfig:
-    quick = {"velocity_m_s": 0.05, "acceleration_m_s2": 0.05, "travel_m": [0.0, TRAVEL_M]}
+    quick = {"velocity_m_s": 0.05, "acceleration_m_s2": 0.05}
     real = as_real(config, served.endpoints)
     return real.model_copy(update={"stage": stage_of(real).model_copy(update=quick)})
 
@@ -244,10 +240,10 @@ settle_s = 0.2
 average_s = 1.0  # twice the readings that are needed: the machine may be busy
 pause_s = 0.0
 """
-STAGE = f"""
+STAGE = """
 [stage]
-resource = "{{stage}}"
-travel_m = [0.0, {TRAVEL_M}]
+resource = "{stage}"
+travel_m = [0.0, 0.15]
 velocity_m_s = 0.05
 acceleration_m_s2 = 0.05
 velocity_limit_m_s = 0.05
