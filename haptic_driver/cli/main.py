@@ -71,7 +71,7 @@ PANELS = {
     "Record and experiment": EXPERIMENTS,
     "When friction is not as the model says": DIAGNOSIS,
 }
-COMMANDS = {name for commands in PANELS.values() for name in commands}
+COMMANDS = WITHOUT_RIG | ON_A_RIG | EXPERIMENTS | DIAGNOSIS
 GROUPS = ("surface", "texture", "daemon", "experiment")
 CONTROL = (
     "arm",
