@@ -82,6 +82,7 @@ class Daemon:
         """Start everything; idle when it returns. Raises HapticError and DeviceError, with nothing left running."""
         try:
             self._orders.beat()
+            _current_a(self.basis.settings, self.shared.output.read(), 0.0)  # compiled before anybody can arm
             self.supervisor.start()
             self._start_threads()
             self._loader.start()  # what nobody waits for comes last

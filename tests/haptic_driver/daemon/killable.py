@@ -2,8 +2,9 @@
 
     python killable.py AMPLIFIER_RECORD RIG
 
-arms, sets a friction and renews. Reports every change of state as a JSON line, with the process ids at that time. A
-line on standard input makes it reset what is in fault and go on; the end of standard input ends it.
+arms, sets a friction and renews. Reports every change of state as a JSON line, with the process ids at that time and
+the kernels first used after the start: to compile one takes longer than a lease. A line on standard input makes it
+reset what is in fault and go on; the end of standard input ends it.
 """
 
 from __future__ import annotations
@@ -21,14 +22,20 @@ from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.set_up import daemon_settings
 from haptic_driver.errors import HapticError
 from haptic_driver.processes.real_time import take_precedence
+from haptic_driver.render import compiled
 
 LEASE_S = 0.5
 FRICTION = 0.65
 
 
-def report(daemon: Daemon, state: str) -> None:
+def used() -> set[str]:
+    return {kernel.py_func.__name__ for kernel in compiled._kernels if kernel.signatures}
+
+
+def report(daemon: Daemon, state: str, late: set[str]) -> None:
     pids = {"control": os.getpid(), **daemon.pids}
-    print(json.dumps({"state": state, "pids": pids, "fault": daemon.status().fault}), flush=True)
+    said = {"state": state, "pids": pids, "fault": daemon.status().fault, "late_kernels": sorted(late)}
+    print(json.dumps(said), flush=True)
 
 
 def go(daemon: Daemon) -> str:
@@ -49,6 +56,7 @@ def main() -> None:
     record, rig = Path(sys.argv[1]), sys.argv[2]
     take_precedence()  # as `haptic daemon run` does
     with Daemon(daemon_settings(rig, "reference", amplifier_record=record)) as daemon:
+        ready = used()
         token, told = go(daemon), None
         while True:
             state = daemon.status().state
@@ -59,7 +67,7 @@ def main() -> None:
                 token = go(daemon)
                 continue
             if state != told:
-                report(daemon, state)
+                report(daemon, state, used() - ready)
                 told = state
             if select.select([sys.stdin], [], [], 0.02)[0]:
                 if not sys.stdin.readline():
