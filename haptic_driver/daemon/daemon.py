@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,7 @@ class Daemon:
         self._loader = Loader()
         self._painter = Loader("painter")  # begun when somebody looks
         self.basis = basis = Basis(settings, shared, events, self._loader)
-        self._targets = targets = Targets(shared, orders, events, clock, self._reachable, self._loader)
+        self._targets = targets = Targets(shared, orders, events, clock, partial(_reachable, basis), self._loader)
         self._recordings = Recordings(shared, events, lambda: basis.settings, identified)
         self.supervisor = Supervisor(settings, shared, orders, events, clock)
         basis.among(orders, targets, self._recordings, self.supervisor)
@@ -301,10 +302,9 @@ class Daemon:
         """A part of a texture of the library, as a picture."""
         return drawings.tile(self._painter, asked)
 
-    # --- inside ------------------------------------------------------------------------------------------------
 
-    def _reachable(self, normal_force_n: float) -> tuple[float, float]:
-        return self.basis.settings.render.tick.controller.reachable(normal_force_n)
+def _reachable(basis: Basis, normal_force_n: float) -> tuple[float, float]:
+    return basis.settings.render.tick.controller.reachable(normal_force_n)
 
 
 def _measured_cof(samples: NDArray[np.void]) -> float | None:
