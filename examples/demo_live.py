@@ -151,6 +151,7 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
         there = [row for row in list(daemon.basis.observer.rows) if row.row.setting.frequency_hz == carrier_hz]
         return len(there) >= ROWS
 
+    watching.until(lambda: daemon.status().output_on, "the output comes on")
     dry = watching.for_s(SHOWN_S, "a dry finger")
     watching.until(lambda: told("agreement"), "it becomes moist")
     print(f"  {daemon.status().disagreement}")
