@@ -215,7 +215,7 @@ def _page(url: str, path: Path) -> None:
         view = browser.new_page(viewport={"width": 1700, "height": 1150})
         view.goto(url)
         expect(view.locator("#state")).not_to_have_text("UNKNOWN", timeout=30_000)  # no script: the page allows none
-        view.wait_for_timeout(3000)
+        view.wait_for_timeout(5000)  # tiles and thumbnails come one by one
         view.screenshot(path=path)
         browser.close()
 
