@@ -109,12 +109,11 @@ class Weighed:
         logs = {c.name: float(each + c.alone.log_evidence) for c in self.singles}
         unknown = [np.log(PRIOR_UNKNOWN) + base.beside_discrepancy.log_evidence]
         unknown += [np.log(MIMICS) + each + mimic(c, base) for c in self.singles]
-        if beside_wins(winner):
-            more = np.log(PRIOR_UNKNOWN) + each + winner.beside_discrepancy.log_evidence
-            if of_another_form(winner, base):
-                logs[winner.name] = float(np.logaddexp(logs[winner.name], more))
-            else:
-                unknown.append(more)
+        more = np.log(PRIOR_UNKNOWN) + each + winner.beside_discrepancy.log_evidence
+        if of_another_form(winner, base):
+            logs[winner.name] = float(np.logaddexp(logs[winner.name], more))
+        elif beside_wins(winner):
+            unknown.append(more)
         logs |= {NONE: float(np.log(PRIOR_NONE) + base.alone.log_evidence), UNKNOWN: float(logsumexp(unknown))}
         return _normalised(logs | {name: float(each + base.alone.log_evidence) for name in self.untestable})
 
@@ -136,10 +135,10 @@ def beside_wins(candidate: Candidate) -> bool:
 
 
 def of_another_form(candidate: Candidate, base: Candidate) -> bool:
-    """Whether effects explain most by their own form, and a discrepancy beside them only mends that."""
+    """Whether effects explain most by their own form, and a discrepancy that wins beside them only mends that."""
     own = candidate.alone.log_evidence - base.beside_discrepancy.log_evidence
     mended = candidate.beside_discrepancy.log_evidence - candidate.alone.log_evidence
-    return bool(own > MENDED * mended)
+    return beside_wins(candidate) and bool(own > MENDED * mended)
 
 
 def mimic(candidate: Candidate, base: Candidate) -> float:
@@ -196,9 +195,11 @@ def decide(
         return _name_one(winner, group, probabilities)
 
     needed = _needed_beside_discrepancy(weighed, group)
-    remainder = 0.0 if of_another_form(winner, base) else _remainder(problem, winner, base)
+    is_other_form = of_another_form(winner, base)
+    remainder = 0.0 if is_other_form else _remainder(problem, winner, base)
     if winner.name in needed and remainder <= LIST_REMAINDER and probabilities[UNKNOWN] < 0.5:
-        why = "needed even beside a discrepancy of unknown shape"
+        left = "its form is another" if is_other_form else f"what remains is {remainder:.0%} of its signature"
+        why = f"needed even beside a discrepancy of unknown shape; {left}"
         for name in (*needed, *_credible(probabilities)):  # what is named alone has to be probable, too
             group += [name] if name not in (winner.name, *group) else []
         verdict = "ambiguous" if group or remainder > NAME_REMAINDER else "effect_found"

@@ -35,3 +35,8 @@ def test_a_form_that_is_only_mended_is_the_effects_own(own: float, expected: boo
     base = of_evidence(-300.0, -100.0)
     candidate = of_evidence(-100.0 + own * MENDED * 10.0, -100.0 + own * MENDED * 10.0 + 10.0)
     assert of_another_form(candidate, base) is expected  # type: ignore[arg-type]
+
+
+def test_where_no_discrepancy_wins_the_form_is_not_another() -> None:
+    """What only the test of fit finds lacking is judged by what it leaves."""
+    assert not of_another_form(of_evidence(0.0, -2.0), of_evidence(-300.0, -100.0))  # type: ignore[arg-type]
