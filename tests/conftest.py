@@ -6,6 +6,7 @@ machine, simulated instruments must answer within the time-outs of real ones.
 
 from __future__ import annotations
 
+import os
 import signal
 from contextlib import suppress
 from pathlib import Path
@@ -27,14 +28,21 @@ settings.load_profile("project")
 AUTOGROUP = Path("/proc/self/autogroup")  # Linux shares a busy processor among sessions before it looks at niceness
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     # A shell without job control starts background jobs with SIGINT ignored, and tests interrupt what they start.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    with suppress(OSError):
-        AUTOGROUP.write_text("-10" if take_precedence() else "0")
+    if hasattr(config, "workerinput"):
+        os.setsid()  # precedence is for the tests, not for what else the shell that called them has started
+    if not _has_workers(config):
+        with suppress(OSError):
+            AUTOGROUP.write_text("-10" if take_precedence() else "0")
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    if not hasattr(config, "workerinput"):
+    if not hasattr(config, "workerinput") and not _has_workers(config):
         with suppress(OSError):
             AUTOGROUP.write_text("0")
+
+
+def _has_workers(config: pytest.Config) -> bool:
+    return bool(getattr(config.option, "numprocesses", None))
