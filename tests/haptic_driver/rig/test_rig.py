@@ -231,6 +231,16 @@ def test_a_command_beyond_the_limits_switches_off_and_raises(bench, command):
     assert bench.amplifier.max_voltage_v <= 50.1
 
 
+@pytest.mark.parametrize("end", [0, 1])
+def test_the_limits_themselves_are_allowed(rig_config, end):
+    limits = rig_config.limits.model_copy(update={"frequency_hz": (100.0, 300.0)})
+    rig = Bench(rig_config.model_copy(update={"limits": limits})).rig
+    rig.command(0.0, on(50.0, limits.frequency_hz[end]))
+    assert rig.state is RigState.ON
+    with pytest.raises(HapticError, match=r"outside 100\.\.300 Hz"):
+        rig.command(0.1, on(50.0, (99.9, 300.1)[end]))
+
+
 def test_a_dead_force_sensor_switches_off(bench):
     bench.rig.command(0.0, on(50.0))
     bench.sensor.broken = True

@@ -417,12 +417,10 @@ def test_it_reaches_the_generator_through_the_library_it_is_told(caplog: pytest.
     assert "no VISA library for '@nosuch'" in caplog.text
 
 
-def test_a_wrong_command_line_ends_with_status_2_and_says_why() -> None:
+@pytest.mark.parametrize(("given", "said"), [(["--generator", "nonsense"], "nonsense"), ([], "--generator")])
+def test_a_wrong_command_line_ends_with_status_2_and_says_why(given: list[str], said: str) -> None:
     ended = subprocess.run(
-        [sys.executable, "-m", "hw.safety.watchdog", "--generator", "nonsense"],
-        capture_output=True,
-        text=True,
-        check=False,
+        [sys.executable, "-m", "hw.safety.watchdog", *given], capture_output=True, text=True, check=False
     )
     assert ended.returncode == Outcome.NOT_STARTED
-    assert "nonsense" in ended.stderr
+    assert said in ended.stderr
