@@ -21,11 +21,11 @@ from typing import Any, Self, TextIO
 
 import numpy as np
 
-from haptic_driver import labelled
 from haptic_driver.errors import BadInputError, optional
 from haptic_driver.experiments.average import Measured
 from haptic_driver.experiments.plan import Row
 from haptic_driver.files import read_text, replacing, writing
+from haptic_driver.surface import labelled
 from hw.monitor.contract import ElectrodeReading
 
 SETTING_COLUMNS = (

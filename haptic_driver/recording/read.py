@@ -28,12 +28,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver import labelled
 from haptic_driver.errors import BadInputError, optional
 from haptic_driver.files import exists_already, replacing
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.structure import check_run, member, read_column
+from haptic_driver.surface import labelled
 
 FORMAT = "haptic-driver recording"
 FORMAT_VERSION = 1.0

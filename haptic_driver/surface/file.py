@@ -21,13 +21,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver import labelled
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import replacing
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.correction import Correction
 from haptic_driver.render.surface import Surface
 from haptic_driver.signals import Array, Mask
+from haptic_driver.surface import labelled
 from model.support.interpolation import linear_weights, polynomial_weights
 
 FORMAT = "haptic-driver surface"

@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("model", "hw", "haptic_driver")
 COMMANDS = ROOT / "haptic_driver" / "cli"  # a command has as many parameters as it has options
 MOST_PARAMETERS, LONGEST_FUNCTION, LONGEST_CLASS = 8, 60, 250
+TOP = {"errors", "files", "signals", "limits", "config", "client"}
 
 EIGHT = "a, b, c, d, e, f, g, h"
 TOO_MANY = [
@@ -83,3 +84,7 @@ def test_a_line_too_many_breaks_the_rule(source: str) -> None:
 @pytest.mark.parametrize("source", ENOUGH)
 def test_as_much_as_is_allowed_keeps_it(source: str) -> None:
     assert [*crowded(source), *long(source)] == []
+
+
+def test_six_files_lie_at_the_top_of_the_driver():
+    assert {file.stem for file in (ROOT / "haptic_driver").glob("*.py")} - {"__init__"} == TOP
