@@ -1,8 +1,10 @@
 """Investigations of fingers that the project does not know: which effects get a name, and what choosing well saves.
 
-`python -m tests.blind.investigations --seed N --count 10 --out DIR` investigates each finger twice on the simulated
-rig, with the same first plan and the same number of blocks per round: once as `haptic investigate` chooses them, once
-at random among all that the rig may do. It writes what came of each into DIR, goes on there, and prints a table.
+`python -m tests.blind.investigations --seed N --counts W0=2,W1=10 --out DIR` investigates each finger twice on the
+simulated rig, with the same first plan and the same number of blocks per round: once as `haptic investigate` chooses
+them, once at random among all that the rig may do; with `--chosen`, only as it chooses. It writes what came of each
+into DIR, goes on there, and prints tables. A stranger is right as `unexplained`, a finger with nothing hidden as
+`nothing_missing`.
 """
 
 from __future__ import annotations
@@ -11,9 +13,9 @@ import argparse
 import json
 import statistics
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +31,7 @@ from model.diagnosis.design import Choice, Design, design
 from tests.reports import without_pictures
 
 from .generator.designs import NONE, RESTING, SLIDING
+from .generator.effects import STRANGERS
 from .generator.electrode import Rig, alone
 from .generator.families import specs
 from .generator.touch import STEADY_SPEED, Finger, Rows
@@ -36,6 +39,7 @@ from .generator.witnesses import Truth, truth_of
 from .scores import wilson
 
 ROUNDS = 4
+CHOSEN, RANDOM = "chosen", "at random"
 TIME_STEP_S = 0.05  # effects of time see it in steps this long
 FEW = """
 name = "few"
@@ -92,7 +96,7 @@ def random_choice(seed: int) -> Iterator[None]:
         product.design = design
 
 
-def asked(name: str, function: Callable[..., Any], plan: Plan, seed: int) -> dict[str, Any]:
+def asked(hidden: list[str], function: Callable[..., Any], plan: Plan, seed: int) -> dict[str, Any]:
     """One investigation: its outcome, the names, and what it took."""
     subject = Subject(load_rig("simulated"), load_model("reference"), plan, FingerFunction(function), seed)
     with tempfile.TemporaryDirectory() as folder, without_pictures():
@@ -100,58 +104,75 @@ def asked(name: str, function: Callable[..., Any], plan: Plan, seed: int) -> dic
     names = [effect["name"] for effect in found.diagnosis["effects"]]
     alike = [other for effect in found.diagnosis["effects"] for other in effect["indistinguishable_from"]]
     return {
-        "hidden": name, "outcome": found.outcome, "named": names, "or": alike, "rounds": found.rounds,
+        "hidden": hidden, "outcome": found.outcome, "named": names, "or": alike, "rounds": found.rounds,
         "settings": len(found.settings), "minutes": found.measured_s / 60.0,
     }  # fmt: skip
 
 
-def _is_named(got: dict[str, Any]) -> bool:
-    return bool(got["outcome"] == "named" and got["named"] == [got["hidden"]])
+def _is_right(got: dict[str, Any]) -> bool:
+    known = [name for name in got["hidden"] if name not in STRANGERS]
+    if not known:
+        return bool(got["outcome"] == ("unexplained" if got["hidden"] else "nothing_missing"))
+    return bool(got["outcome"] == "named" and set(got["named"]) == set(known))
 
 
-def table(pairs: list[tuple[dict[str, Any], dict[str, Any]]]) -> str:
-    """Markdown: both ways beside one another."""
-    lines = ["| | as chosen | at random |", "|---|---|---|"]
-    both = list(zip(*pairs, strict=True))
-    count = len(pairs)
-    lines.append("| named rightly | " + " | ".join(wilson(sum(map(_is_named, p)), count) for p in both) + " |")
-    wrong = [sum(g["outcome"] == "named" and not _is_named(g) for g in part) for part in both]
-    lines.append("| named wrongly | " + " | ".join(wilson(w, count) for w in wrong) + " |")
-    listed = [sum(g["hidden"] in (*g["named"], *g["or"]) for g in part) for part in both]
-    lines.append("| right or in the group | " + " | ".join(wilson(n, count) for n in listed) + " |")
-    for what in ("rounds", "settings", "minutes"):
-        values = [statistics.median(g[what] for g in part) for part in both]
-        lines.append(f"| {what}, median | " + " | ".join(f"{value:.3g}" for value in values) + " |")
-    lines += ["", "| hidden | as chosen | settings | at random | settings |", "|---|---|---|---|---|"]
-    for pair in pairs:
-        cells = [f"{g['outcome']}, {' '.join([*g['named'], *g['or']]) or '-'} | {g['settings']}" for g in pair]
-        lines.append(f"| {pair[0]['hidden']} | {' | '.join(cells)} |")
+def _rates(part: Sequence[dict[str, Any]]) -> list[str]:
+    """Right, wrongly named, right or in the group; and the median of what it took."""
+    wrong = sum(got["outcome"] == "named" and not _is_right(got) for got in part)
+    listed = sum(_is_right(got) or set(got["hidden"]) <= {*got["named"], *got["or"]} for got in part)
+    counts = [sum(map(_is_right, part)), wrong, listed]
+    took = [f"{statistics.median(got[what] for got in part):.3g}" for what in ("rounds", "settings", "minutes")]
+    return [*(wilson(count, len(part)) for count in counts), *took]
+
+
+def table(found: dict[str, list[dict[str, Any]]]) -> str:
+    """Markdown; `found`: a family's name to what came of each finger, as chosen and maybe at random."""
+    lines = ["| family | blocks | right | named wrongly | right or in the group | rounds | settings | minutes |"]
+    lines.append("|---" * 8 + "|")
+    for family, pairs in found.items():
+        for how in (CHOSEN, RANDOM):
+            if part := [pair[how] for pair in pairs if how in pair]:
+                lines.append(f"| {family} | {how} | {' | '.join(_rates(part))} |")
+    lines += ["", "| hidden | blocks | outcome | names | or | rounds | settings |", "|---|---|---|---|---|---|---|"]
+    for how, got in (item for pairs in found.values() for pair in pairs for item in pair.items()):
+        names, others = " ".join(got["named"]), " ".join(got["or"])
+        took = f"{got['rounds']} | {got['settings']}"
+        lines.append(
+            f"| {' '.join(got['hidden']) or 'nothing'} | {how} | {got['outcome']} | {names} | {others} | {took} |"
+        )
     return "\n".join(lines) + "\n"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument("--count", type=int, default=10)
+    parser.add_argument("--counts", default="W1=10")
+    parser.add_argument("--chosen", action="store_true")
     parser.add_argument("--plan", help="of the first round; a few settings where none is given")
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     few = given.out / "few.toml"
     few.write_text(FEW)
-    plan, pairs = load_plan(given.plan or str(few)), []
-    for spec in specs(given.seed, 1.0, counts={"W1": given.count}):
-        kept = given.out / f"{spec.index}.json"
+    plan = load_plan(given.plan or str(few))
+    counts = {name: int(count) for name, _, count in (item.partition("=") for item in given.counts.split(","))}
+    found: dict[str, list[dict[str, Any]]] = {}
+    for spec in specs(given.seed, 1.0, counts=counts):
+        kept = given.out / f"{spec.family}-{spec.index}.json"
         if not kept.exists():
             finger, rig, truth = truth_of(spec, given.seed)
-            function = finger_function(finger, rig, truth)
-            chosen = asked(spec.effects[0][0], function, plan, spec.index)
-            with random_choice(spec.index):
-                at_random = asked(spec.effects[0][0], function, plan, spec.index)
-            kept.write_text(json.dumps([chosen, at_random], indent=1))
-        pairs.append(tuple(json.loads(kept.read_text())))
-        print(spec.index, *(f"{g['outcome']} {g['named']} {g['settings']}" for g in pairs[-1]), flush=True)
-    print(table(pairs))
+            asks = partial(asked, [name for name, _ in spec.effects], finger_function(finger, rig, truth), plan)
+            pair = {CHOSEN: asks(spec.index)}
+            if not given.chosen:
+                with random_choice(spec.index):
+                    pair[RANDOM] = asks(spec.index)
+            kept.write_text(json.dumps(pair, indent=1))
+        found.setdefault(spec.family, []).append(json.loads(kept.read_text()))
+        said = (
+            f"{how}: {got['outcome']} {got['named']} {got['settings']}" for how, got in found[spec.family][-1].items()
+        )
+        print(spec.family, spec.index, *(name for name, _ in spec.effects), *said, flush=True)
+    print(table(found))
 
 
 if __name__ == "__main__":
