@@ -30,7 +30,7 @@ def plan(tmp_path_factory):
     plan.write_text(
         'name = "small"\nabout = "for a test"\nfrequency_hz = [5, 20, 80, 250]\nvoltage_v = [60, 100, 130]\n'
         "normal_force_n = [0.3, 0.8]\nspeed_m_s = [0.02]\nrepeats = 1\nsessions = 3\nvoltage_off_every = 4\n"
-        "average_s = 0.25\n"
+        "settle_s = 0.2\naverage_s = 0.25\npause_s = 0.0\n"
     )
     return plan
 
