@@ -191,7 +191,7 @@ class TouchModel:
         return self.answer(conditions.drive())
 
     def cof(self, conditions: Conditions) -> Array:
-        """Friction alone of arbitrary conditions [n], as `predict` has it, in two thirds of the time for one touch."""
+        """Friction alone of arbitrary conditions [n], as `predict` has it; in three quarters of the time for one."""
         drive = conditions.drive()
         touch = self._prepare(drive)
         return self._cof(drive, touch, self._attraction(drive, touch))
