@@ -191,6 +191,12 @@ class TouchModel:
         """Force, friction and current of arbitrary conditions [n]."""
         return self.answer(conditions.drive())
 
+    def cof(self, conditions: Conditions) -> Array:
+        """Friction alone of arbitrary conditions [n], as `predict` has it; in three quarters of the time for one."""
+        drive = conditions.drive()
+        touch = self._prepare(drive)
+        return self._cof(drive, touch, self._attraction(drive, touch))
+
     def surface(
         self,
         frequency_hz: Array,
@@ -210,8 +216,7 @@ class TouchModel:
 
     def answer(self, drive: Drive) -> Prediction:
         """Force, friction and current, in the shape to which the drive and the effects broadcast."""
-        p, law = self.description.values, self.description.friction_law
-        touch = prepare(p, self.description.dielectric, self.description.effects, drive)
+        p, touch = self.description.values, self._prepare(drive)
         circuit = touch.circuit
         attraction = self._attraction(drive, touch)
         total_pa = circuit.load_pa + attraction.pressure_pa + circuit.added_pa
@@ -220,11 +225,10 @@ class TouchModel:
             return current.current_rms_a(admittance_per_m, touch.omega, touch.rms_v, p.contact_area_m2)
 
         gaps_per_m = current.sliding_admittance_per_m(self.table, circuit, total_pa)
-        friction = cof(law, p, touch, attraction.force_n / p.contact_area_m2, drive.normal_force_n)
         within_theory = attraction.pressure_pa <= THEORY_PRESSURE_RATIO * circuit.load_pa
         return Prediction(
             electrostatic_force_n=drive.touching * attraction.force_n.reshape(touch.shape),
-            cof=np.where((drive.touching == 1.0) & (drive.resting == 0.0), friction, np.nan),
+            cof=self._cof(drive, touch, attraction),
             current_rms_a=drive.touching * amperes(gaps_per_m).reshape(touch.shape),
             stuck_current_rms_a=amperes(current.stuck_admittance_per_m(circuit)).reshape(touch.shape),
             electrode_current_a=electrode_current_a(self.table, touch, gaps_per_m, total_pa),
@@ -233,6 +237,15 @@ class TouchModel:
             within_theory=within_theory.reshape(touch.shape),
             notes=attraction.notes,
         )
+
+    def _prepare(self, drive: Drive) -> PreparedTouch:
+        described = self.description
+        return prepare(described.values, described.dielectric, described.effects, drive)
+
+    def _cof(self, drive: Drive, touch: PreparedTouch, attraction: Attraction) -> Array:
+        p, law = self.description.values, self.description.friction_law
+        friction = cof(law, p, touch, attraction.force_n / p.contact_area_m2, drive.normal_force_n)
+        return np.where((drive.touching == 1.0) & (drive.resting == 0.0), friction, np.nan)
 
     def _attraction(self, drive: Drive, touch: PreparedTouch) -> Attraction:
         """The one place where the variants part; the current, of which the paper prints nothing, is always ours."""

@@ -45,7 +45,7 @@ def friction_of(model: TouchModel) -> FrictionLaw:
 
     @lru_cache(maxsize=64)
     def cof(*condition: Any) -> float:
-        return float(model.predict(_condition(*condition)).cof[0])
+        return float(model.cof(_condition(*condition))[0])
 
     def friction_n(
         frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float, time_s: float,

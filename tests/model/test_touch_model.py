@@ -255,6 +255,17 @@ class TestFriction:
         assert np.isfinite(got.electrostatic_force_n).all()
 
 
+def test_friction_alone_is_that_of_the_whole_answer(models) -> None:
+    """Of fingers that slide, one that pulls in among them; NaN of those that rest or are not there."""
+    finger = np.array(["sliding", "sliding", "sliding", "resting", "none"])
+    conditions = Conditions(np.full(5, 250.0), np.array([0.0, 75.0, 5e3, 75.0, 75.0]), np.full(5, 0.5), finger=finger)
+    for model in models.values():
+        alone = model.cof(conditions)
+        np.testing.assert_array_equal(alone, model.predict(conditions).cof)
+        assert np.isfinite(alone[0])
+        assert np.isnan(alone[3:]).all()
+
+
 class TestRangeOfTheTheory:
     def test_ten_times_the_load_is_the_limit(self, models) -> None:
         volts = np.linspace(50.0, 400.0, 701)  # p_e/p0 passes 10 in steps of at most 0.2

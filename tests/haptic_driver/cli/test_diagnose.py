@@ -15,6 +15,7 @@ import pytest
 from haptic_driver.cli.diagnose import once_more, place
 from haptic_driver.cli.main import main
 from haptic_driver.experiments.plan import load_plan
+from model.effects import BY_NAME
 from tests.reports import without_pictures
 
 KEYS = {"verdict", "adequate", "effects", "alternatives", "where", "fit", "model", "seed"}
@@ -30,7 +31,7 @@ def plan(tmp_path_factory):
     plan.write_text(
         'name = "small"\nabout = "for a test"\nfrequency_hz = [5, 20, 80, 250]\nvoltage_v = [60, 100, 130]\n'
         "normal_force_n = [0.3, 0.8]\nspeed_m_s = [0.02]\nrepeats = 1\nsessions = 3\nvoltage_off_every = 4\n"
-        "average_s = 0.25\n"
+        "settle_s = 0.2\naverage_s = 0.25\npause_s = 0.0\n"
     )
     return plan
 
@@ -97,7 +98,13 @@ def test_the_hidden_effect_is_found_or_listed(found) -> None:
 
 
 @pytest.mark.usefixtures("unillustrated")
-def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(plan, tmp_path, capsys) -> None:
+def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(tmp_path, capsys) -> None:
+    plan = tmp_path / "few.toml"
+    plan.write_text(
+        'name = "few"\nfrequency_hz = [5, 20, 80, 250]\nvoltage_v = [60, 130]\nnormal_force_n = [0.3, 0.8]\n'
+        "speed_m_s = 0.02\nrepeats = 1\nsessions = 3\nvoltage_off_every = 3\nsettle_s = 0.2\naverage_s = 0.25\n"
+        "pause_s = 0.0\n"
+    )
     out, data, more = tmp_path / "first", tmp_path / "data.csv", tmp_path / "more.csv"
     measured_friction(plan, data, 1)
     assert main(["diagnose", str(data), "--out", str(out), "--json"]) == 0
@@ -187,7 +194,10 @@ def test_without_noise_nothing_can_be_tested(tmp_path, capsys) -> None:
     assert len(said["alternatives"]) == CATALOGUE + 2
 
 
-def test_a_plan_is_judged_before_it_is_measured(tmp_path, capsys):
+def test_a_plan_is_judged_before_it_is_measured(tmp_path, capsys, monkeypatch):
+    """By some effects of the catalogue, every two of which are compared; the next test asks them all."""
+    few = [BY_NAME[name] for name in ("series_resistance", "amplifier_bandwidth", "humid_gap_conduction", "sweat_film")]
+    monkeypatch.setattr("model.diagnosis.resolution.testable_effects", lambda data, on: few)
     plan = tmp_path / "small.toml"
     plan.write_text(
         'name = "small"\nfrequency_hz = [20.0, 250.0]\nvoltage_v = [75.0, 110.0]\n'

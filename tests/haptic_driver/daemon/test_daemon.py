@@ -43,6 +43,36 @@ def electrode_v(history):
     return lambda: history()[-1][1]
 
 
+# First, before the module's own daemon runs beside it.
+def test_the_command_ends_with_the_output_off_and_a_killed_one_is_replaced(tmp_path):
+    path = tmp_path / "run" / "daemon.sock"
+    command = [Path(sys.executable).with_name("haptic"), "daemon", "run", "--socket", str(path)]
+
+    def start():
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        until_ready(process)
+        return process
+
+    killed = start()
+    killed.kill()
+    killed.wait()
+    killed.stderr.close()
+    assert path.exists()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(HANG_S)
+        command += ["--osc", f"127.0.0.1:{receiver.getsockname()[1]}"]
+        process = start()
+        assert receiver.recv(2048).startswith(b"/haptic/sample\0")
+    assert oct(path.stat().st_mode & 0o777) == "0o600"
+    os.kill(process.pid, signal.SIGHUP)  # as a closed terminal does; SIGTERM and Ctrl-C do the same
+    said = process.stderr.read()
+    process.stderr.close()
+    assert process.wait(HANG_S) == 0
+    assert "the output is off" in said
+    assert not path.exists()
+
+
 def test_friction_follows_its_target_through_bytes_and_back(daemon, electrode_v):
     lease = daemon.arm(LEASE_S)
     assert daemon.status().state is DaemonState.ARMED
@@ -425,32 +455,3 @@ def test_a_finger_that_is_another_than_the_surfaces_is_told_once_per_fifth(daemo
     finally:
         lines.set_gain(1.0)
         lines.close()
-
-
-def test_the_command_ends_with_the_output_off_and_a_killed_one_is_replaced(tmp_path):
-    path = tmp_path / "run" / "daemon.sock"
-    command = [Path(sys.executable).with_name("haptic"), "daemon", "run", "--socket", str(path)]
-
-    def start():
-        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-        until_ready(process)
-        return process
-
-    killed = start()
-    killed.kill()
-    killed.wait()
-    killed.stderr.close()
-    assert path.exists()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
-        receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(HANG_S)
-        command += ["--osc", f"127.0.0.1:{receiver.getsockname()[1]}"]
-        process = start()
-        assert receiver.recv(2048).startswith(b"/haptic/sample\0")
-    assert oct(path.stat().st_mode & 0o777) == "0o600"
-    os.kill(process.pid, signal.SIGHUP)  # as a closed terminal does; SIGTERM and Ctrl-C do the same
-    said = process.stderr.read()
-    process.stderr.close()
-    assert process.wait(HANG_S) == 0
-    assert "the output is off" in said
-    assert not path.exists()

@@ -92,8 +92,13 @@ def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
     """As if it had been killed in its first round, after so many rows; one frequency tells little apart."""
     few = Plan(name="few", settings=tuple(Setting(100.0, 75.0, n, 0.02) for n in (0.25, 0.5, 1.0)), repeats=2)
     subject = Subject(hiding(SWEAT), load_model("reference"), few)
-    with without_pictures():
-        investigate(subject, tmp_path / "first", Budget(rounds=1))
+
+    def stop_when_measured(what: str) -> None:
+        if not what.endswith("measuring"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        investigate(subject, tmp_path / "first", Budget(rounds=1), stop_when_measured)
     lines = (tmp_path / "first" / "round-1" / "data.csv").read_text().splitlines(keepends=True)
     cells, column = lines[2].split(","), lines[0].split(",").index("cof")
     kept = [*lines[:2], ",".join([*cells[:column], "0.5", *cells[column + 1 :]]), lines[3]]  # measured again: not 0.5

@@ -27,13 +27,20 @@ HIDDEN = {"series_resistance": {"resistance_ohm": 3e6}}
 
 
 def small_plan(**changes: Any) -> Plan:
-    """Eight settings, two of them beyond the shipped rig's limits."""
+    """Eight settings, two of them beyond the shipped rig's limits; rows are short, simulated time costs time."""
     plan = load_plan("paper")
     frequencies = {100.0, 250.0, 10e3, 1e6}
     settings = [s for s in plan.settings if s.frequency_hz in frequencies]
     settings += [s._replace(normal_force_n=1.0, speed_m_s=0.05) for s in settings]
     small = {"settings": tuple(settings), "repeats": 2, "sessions": 2, "voltage_off_every": 3}
+    small |= {"settle_s": 0.2, "average_s": 0.5}
     return plan.model_copy(update=small | changes)
+
+
+def grid(**changes: Any) -> Plan:
+    """Every frequency and voltage of a plan once in a session, in short rows."""
+    short = {"repeats": 1, "settle_s": 0.2, "average_s": 0.5}
+    return load_plan("voltage_frequency").model_copy(update=short | changes)
 
 
 def hiding(config: RigConfig, hide: dict[str, dict[str, float]]) -> RigConfig:
@@ -93,8 +100,7 @@ def test_data_have_the_contracts_columns_and_units(config: RigConfig, model: Tou
 def test_friction_agrees_with_the_model_within_its_stated_error(
     config: RigConfig, model: TouchModel, tmp_path: Path
 ) -> None:
-    plan = load_plan("voltage_frequency").model_copy(update={"repeats": 1})
-    measured(prepare(config, model, plan), tmp_path / "data.csv", SAME_FINGER)
+    measured(prepare(config, model, grid()), tmp_path / "data.csv", SAME_FINGER)
     z = residuals(tmp_path / "data.csv", model)
     assert 0.6 < np.mean(z**2) < 1.6
     assert abs(np.mean(z)) < 4.0 / np.sqrt(z.size)
@@ -103,8 +109,7 @@ def test_friction_agrees_with_the_model_within_its_stated_error(
 
 
 def test_sessions_differ_by_one_factor(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
-    plan = load_plan("voltage_frequency").model_copy(update={"repeats": 1, "sessions": 4})
-    measured(prepare(config, model, plan), tmp_path / "data.csv")
+    measured(prepare(config, model, grid(sessions=4)), tmp_path / "data.csv")
     data = read_measurements(tmp_path / "data.csv")
     ratio = data.columns["cof"] / model.predict(data.conditions()).cof
     weight = (ratio / data.columns["cof_std"] * data.columns["cof"]) ** -2

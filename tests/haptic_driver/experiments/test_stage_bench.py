@@ -51,7 +51,7 @@ def served(config: RigConfig, model: TouchModel) -> Iterator[ServedRig]:
 
 @pytest.fixture
 def real(config: RigConfig, served: ServedRig) -> RigConfig:
-    quick = {"velocity_m_s": 0.05, "acceleration_m_s2": 0.05}
+    quick = {"velocity_m_s": 0.05, "acceleration_m_s2": 0.05, "travel_m": [0.0, 0.07]}  # strokes lie in its middle
     real = as_real(config, served.endpoints)
     return real.model_copy(update={"stage": stage_of(real).model_copy(update=quick)})
 
@@ -243,7 +243,7 @@ pause_s = 0.0
 STAGE = """
 [stage]
 resource = "{stage}"
-travel_m = [0.0, 0.15]
+travel_m = [0.0, 0.07]
 velocity_m_s = 0.05
 acceleration_m_s2 = 0.05
 velocity_limit_m_s = 0.05

@@ -17,7 +17,7 @@ from haptic_driver.simulation.slide import render_slide, score
 
 SETTLED_S = 0.5  # of sliding, as promised
 WITHIN, OVERSHOOT = 0.05, 0.10
-STROKE_S = 1.2
+STROKE_S = 1.05
 AROUND_EDGE_S = 0.080  # latency, its spread and the averages of target and reading: here no controller can be judged
 
 

@@ -30,7 +30,7 @@ from tests.reports import without_pictures
 
 MODEL = Path(__file__).resolve().parents[3] / "configs" / "models" / "reference.toml"
 FREQUENCIES = (10.0, 30.0, 100.0, 300.0, 1e3, 1e4)
-SESSIONS, ROWS = 4, 45
+SESSIONS, ROWS = 3, 45
 NOISE = 0.01
 ELECTRODE = ("current_a", "current_phase_rad", "electrode_voltage_v", "electrode_voltage_phase_rad")
 
