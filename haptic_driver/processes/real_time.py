@@ -65,25 +65,28 @@ def take_precedence() -> bool:
     except (OSError, AttributeError):
         return False
     if os.getsid(0) == os.getpid():  # as a service
-        share_precedence(os.getpid())
+        _weigh(os.getpid(), NICENESS)
     return True
 
 
 def give_way() -> None:
-    """Let everybody else go first, from here on."""
+    """Let everybody else go first, from here on; a session of its own has the share of any, or it would starve."""
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, LEAST)
     if os.getsid(0) == os.getpid():
-        share_precedence(os.getpid())
+        _weigh(os.getpid(), 0)
 
 
 def share_precedence(pid: int) -> None:
-    """A process that is alone in its session weighs as much as this one.
-
-    Linux shares a busy processor among sessions before it looks at niceness.
-    """
+    """A process that is alone in its session weighs as much as this one."""
     with suppress(OSError, AttributeError):
-        Path(f"/proc/{pid}/autogroup").write_text(str(os.getpriority(os.PRIO_PROCESS, 0)))
+        _weigh(pid, os.getpriority(os.PRIO_PROCESS, 0))
+
+
+def _weigh(pid: int, niceness: int) -> None:
+    """Of a process' session: Linux shares a busy processor among sessions before it looks at niceness."""
+    with suppress(OSError):
+        Path(f"/proc/{pid}/autogroup").write_text(str(niceness))
 
 
 def _stay_awake() -> None:
