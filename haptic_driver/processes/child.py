@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import queue
 import signal
 import subprocess
@@ -16,6 +17,9 @@ from haptic_driver.errors import HapticError
 from haptic_driver.processes.real_time import share_precedence
 
 STOP_TIMEOUT_S = 5.0
+# Another thread of the linear algebra library has no precedence of its own: a killed process is gone only when that
+# thread has had its turn.
+ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
 
 
 class Child:
@@ -38,6 +42,7 @@ class Child:
             [sys.executable, "-m", module, *map(str, arguments)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            env=os.environ | ENVIRONMENT,
             pass_fds=descriptors,
             start_new_session=True,
         )
