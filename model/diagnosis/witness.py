@@ -12,8 +12,9 @@ import numpy as np
 
 from model.support.arrays import Array
 
-KEPT = 1e-4  # a voltage from row to row
-MODELLED = 3e-3  # a current: independent models of one touch, each with its own integrals, differ by half of that
+# Relative, or rad: how well a monitor's response is known over decades of frequency, and twice of what independent
+# models of one touch differ by, each with its own integrals.
+LEAST_STD = 3e-3
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Witness:
     usual_std: float | None
     is_phase: bool = False
     against: str = ""
-    least_std: float = KEPT
+    least_std: float = LEAST_STD
     range: tuple[float, float, str] = (-np.inf, np.inf, "")
 
     @property
@@ -44,7 +45,7 @@ class Witness:
 
 
 WITNESSES = (
-    Witness("cof", "cof_std", "friction", 0.05, None, range=(1e-3, 20.0, "")),
+    Witness("cof", "cof_std", "friction", 0.05, None, least_std=1e-4, range=(1e-3, 20.0, "")),
     Witness(
         "current_a",
         "current_std_a",
@@ -52,7 +53,6 @@ WITNESSES = (
         0.02,
         0.02,
         against="electrode_voltage_v",
-        least_std=MODELLED,
         range=(1e-12, 100.0, "A"),
     ),
     Witness(
@@ -63,7 +63,6 @@ WITNESSES = (
         0.035,
         is_phase=True,
         against="electrode_voltage_phase_rad",
-        least_std=MODELLED,
         range=(-10.0, 10.0, "rad"),
     ),
     Witness(

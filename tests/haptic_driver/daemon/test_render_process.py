@@ -391,7 +391,7 @@ def test_a_tick_that_fails_leaves_zero_and_a_fault_behind(envelope_settings, sha
         given=pickle.dumps(envelope_settings), descriptors=[shared.descriptor],
     )  # fmt: skip
     child.ready(240.0)
-    assert len(list(Path(f"/proc/{child.pid}/task").iterdir())) == 1, "a killed one is there until every thread had a turn"
+    assert len(list(Path(f"/proc/{child.pid}/task").iterdir())) == 1  # a killed one is there until each had a turn
     shared.targets.write(1, Uniform(0.6))
     shared.targets.write(2, Single(0.6))
     was_on, until_s = False, time.monotonic() + 60.0
