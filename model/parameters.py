@@ -43,6 +43,7 @@ class TouchParameters:
     cof_off: float = _parameter("1", 0.01, 5.0, "mu_off, coefficient of friction without voltage")
     gap_offset_m: float = _parameter("m", 0.0, 1e-4, "what holds the skin off the screen everywhere, e.g. a film", 0.0)
     stray_capacitance_f: float = _parameter("F", 0.0, 1e-6, "C_stray, straight from electrode and leads to ground", 0.0)
+    open_circuit: float = _parameter("1", 0.5, 2.0, "C_stray of an open circuit over that beside a finger", 1.0)
     rest_softening: float = _parameter("1", 1e-3, 1.0, "Y_2 of a resting finger over that of a sliding one", 0.1)
 
     @property

@@ -135,7 +135,8 @@ def _broadcast(
     electrode = {
         "electrode_v": drive.fundamental_v,
         "touch_area_m2": drive.touching * parameters.contact_area_m2,
-        "stray_f": parameters.stray_capacitance_f,
+        "stray_f": parameters.stray_capacitance_f
+        * (parameters.open_circuit + drive.touching * (1.0 - parameters.open_circuit)),
     }
     every = [value for fields in (vars(drive), shared, electrode, *by_branch) for value in fields.values()]
     shape = np.broadcast_shapes(*(np.shape(value) for value in every))

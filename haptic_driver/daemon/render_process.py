@@ -4,8 +4,8 @@
 
 takes pickled `RenderSettings` from standard input, compiles, and says on standard output what real-time scheduling it
 was granted, as one JSON line; from then on it runs until its parent is gone. It takes the output to zero by itself
-when the lease runs out, the sensors or control fall silent, or too many instants in a row were missed. An error in a
-tick ends it, which leaves zero and a fault behind; so does anything that would have to be compiled now.
+when the lease runs out, or the sensors or control fall silent. Instants that were missed are counted and told. An error
+in a tick ends it, which leaves zero and a fault behind; so does anything that would have to be compiled now.
 """
 
 from __future__ import annotations
@@ -35,12 +35,11 @@ from haptic_driver.signals import SLIDING_M_S, FingerSample, FingerState
 
 WARM_UP_TICKS = 200
 (
-    _OVERRUN, _SATURATED_SENSOR, _STALE_SENSOR, _UNREACHABLE, _REJECTED, _LEASE_LOST, _FAULT, _FEEDBACK_LIMIT,
-    _CONTROL_SILENT,
+    _OVERRUN, _SATURATED_SENSOR, _STALE_SENSOR, _UNREACHABLE, _REJECTED, _LEASE_LOST, _FEEDBACK_LIMIT, _CONTROL_SILENT,
 ) = map(
     int,
     (Flag.OVERRUN, Flag.SATURATED_SENSOR, Flag.STALE_SENSOR, Flag.UNREACHABLE, Flag.REJECTED, Flag.LEASE_LOST,
-     Flag.FAULT, Flag.FEEDBACK_LIMIT, Flag.CONTROL_SILENT),
+     Flag.FEEDBACK_LIMIT, Flag.CONTROL_SILENT),
 )  # fmt: skip
 
 
@@ -50,9 +49,8 @@ class RenderSettings:
 
     `stale_s`: sensors, `silence_s`: control, not heard for so long. `usual_s`: so old a position may be, and further by
     the texture's finest detail at the finger's speed. `ramp_s`: how long a ramp to zero takes.
-    `most_missed`: so many instants missed in a row are a fault. `envelope`: an analog output makes the amplitude, and
-    is told its course from tick to tick. `surface`: the number that the controller's has among orders.
-    `standing_flags` are up whenever something is rendered.
+    `envelope`: an analog output makes the amplitude, and is told its course from tick to tick. `surface`: the number
+    that the controller's has among orders. `standing_flags` are up whenever something is rendered.
     """
 
     tick: TickSettings
@@ -62,7 +60,6 @@ class RenderSettings:
     usual_s: float = 0.01
     silence_s: float = 0.25
     ramp_s: float = 0.05
-    most_missed: int = 100
     surface: int = 0
     standing_flags: int = 0
 
@@ -111,7 +108,6 @@ class Kept(NamedTuple):
     ramp: Ramp = Ramp()
     flags: int = 0
     overruns: int = 0
-    missed_in_a_row: int = 0
 
 
 class Renderer:
@@ -136,7 +132,7 @@ class Renderer:
         self._target = 0
         self._tick_settings = self._nothing
         self._detail_m = math.inf
-        self._kept = Kept(overruns=self._kept.overruns, missed_in_a_row=self._kept.missed_in_a_row)
+        self._kept = Kept(overruns=self._kept.overruns)
 
     def warm_up(self) -> None:
         """Run every compiled path once, far from any output."""
@@ -200,21 +196,20 @@ class Renderer:
         """What to put out; nothing is changed here."""
         kept = self._kept
         overruns = kept.overruns + due.missed
-        missed_in_a_row = kept.missed_in_a_row + due.missed if due.missed else 0
         settings = self._tick_settings if order.rendering else self._nothing
         state, done = tick(settings, kept.state, _finger_sample(sensed))
         flags, trusted = kept.flags, False
         if order.rendering:
             doubts = self._doubts(order, sensed, due.due_s, done.finger)
             trusted = not doubts
-            flags |= self._settings.standing_flags | doubts | self._missed(due, missed_in_a_row) | _noted(done, state)
+            flags |= self._settings.standing_flags | doubts | _noted(due, done, state)
         wanted_v = done.command.voltage_v if done.command.output_on else 0.0
         ramp, voltage_v = kept.ramp.limit(self._settings.ramp_s, due.due_s, wanted_v, trusted)
-        if not order.rendering or flags & _FAULT:
+        if not order.rendering:
             voltage_v = 0.0
         course_v2 = kept.course_v2
         if self._settings.envelope:
-            if trusted and not flags & _FAULT and voltage_v == done.wanted.voltage_v:
+            if trusted and voltage_v == done.wanted.voltage_v:
                 state, course_v2 = envelope.ahead(settings, state, done, self._settings.period_s)
             else:
                 course_v2 = envelope.straight(course_v2.item(-1), voltage_v * voltage_v)
@@ -229,13 +224,7 @@ class Renderer:
             order.number, self._target, self._surface, due.number, self._clock(), done.command.frequency_hz, voltage_v,
             voltage_v > 0.0, overruns, flags, done.target.cof,
         )  # fmt: skip
-        return Kept(state, course_v2, ramp, flags, overruns, missed_in_a_row), done, output
-
-    def _missed(self, due: Due, missed_in_a_row: int) -> int:
-        """Flags for instants that were missed; so many in a row are a fault."""
-        if not due.missed:
-            return 0
-        return _OVERRUN | _FAULT if missed_in_a_row >= self._settings.most_missed else _OVERRUN
+        return Kept(state, course_v2, ramp, flags, overruns), done, output
 
     def _doubts(self, order: Order, sensed: Sensed, now_s: float, finger: FingerState) -> int:
         """Flags for why output may not go on; 0 while it may."""
@@ -285,9 +274,10 @@ def _carried(controller: Controller, before: Controller, state: TickState) -> Ti
     return state._replace(controller=controller.carried(before, state.controller, speed_m_s, state.drive.voltage_v))
 
 
-def _noted(done: Tick, state: TickState) -> int:
-    """Flags for what the stages say."""
-    noted = 0 if done.wanted.reachable else _UNREACHABLE
+def _noted(due: Due, done: Tick, state: TickState) -> int:
+    """Flags for instants that were missed, and for what the stages say."""
+    noted = _OVERRUN if due.missed else 0
+    noted |= 0 if done.wanted.reachable else _UNREACHABLE
     if done.safe.rejection is not None:
         noted |= _REJECTED
     if state.controller.estimate.at_limit:

@@ -8,7 +8,6 @@ from math import inf
 
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.orders import Orders
-from haptic_driver.daemon.output_pump import OUTPUT_STALE_S
 from haptic_driver.daemon.render_process import RenderSettings
 from haptic_driver.daemon.targets import Targets
 from haptic_driver.daemon.timing import ENOUGH, RECENT_TICKS, timing_of
@@ -16,6 +15,7 @@ from haptic_driver.processes.samples import Flag
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.render.texture import Script
 
+SILENT_S = 0.5  # as long as the watchdog waits for the driver
 UNDERRUN_TOLD_S = 1.0  # at most so often: a machine that is too slow makes many
 TIMING_TOLD_S = 10.0  # the same
 DRIFT_TOLD_S = 5.0  # the same: while it is learnt it moves many times
@@ -59,7 +59,10 @@ def lease(watched: Watched, now_s: float) -> None:
 
 
 def render(watched: Watched, now_s: float) -> None:
-    """New flags are events, once per arming; a render process that misses ticks or falls silent is a fault."""
+    """New flags are events, once per arming; a render process that ends a tick by an error or stays silent is a fault.
+
+    Its last output is taken away before that (the pump's `OUTPUT_STALE_S`), and is there again if render was only late.
+    """
     orders, output = watched.orders, watched.shared.output.read()
     with orders.lock:
         if watched.arming != orders.machine.arming:
@@ -70,8 +73,8 @@ def render(watched: Watched, now_s: float) -> None:
     for name in new.names():
         watched.events.tell("flag", name)
     if rendering and Flag.FAULT in flags:
-        orders.fail(f"render missed {watched.render.most_missed} ticks in a row")
-    if rendering and now_s - output.time_s > OUTPUT_STALE_S:
+        orders.fail("render ended with an error; its log says which")
+    if rendering and now_s - output.time_s > SILENT_S:
         orders.fail(f"render has said nothing for {now_s - output.time_s:.2g} s")
 
 

@@ -13,6 +13,7 @@ from contextlib import suppress
 from typing import Any
 
 from haptic_driver.errors import HapticError
+from haptic_driver.processes.real_time import share_precedence
 
 STOP_TIMEOUT_S = 5.0
 
@@ -40,6 +41,7 @@ class Child:
             pass_fds=descriptors,
             start_new_session=True,
         )
+        share_precedence(self._process.pid)
         self._said: queue.Queue[bytes] = queue.Queue()
         self._threads = [
             threading.Thread(target=self._listen, daemon=True),

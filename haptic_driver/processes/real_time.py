@@ -64,9 +64,8 @@ def take_precedence() -> bool:
         os.setpriority(os.PRIO_PROCESS, 0, min(NICENESS, os.getpriority(os.PRIO_PROCESS, 0)))
     except (OSError, AttributeError):
         return False
-    if os.getsid(0) == os.getpid():  # as a service: Linux shares a processor among sessions before it looks at niceness
-        with suppress(OSError):
-            Path("/proc/self/autogroup").write_text(str(NICENESS))
+    if os.getsid(0) == os.getpid():  # as a service
+        share_precedence(os.getpid())
     return True
 
 
@@ -74,6 +73,17 @@ def give_way() -> None:
     """Let everybody else go first, from here on."""
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, LEAST)
+    if os.getsid(0) == os.getpid():
+        share_precedence(os.getpid())
+
+
+def share_precedence(pid: int) -> None:
+    """A process that is alone in its session weighs as much as this one.
+
+    Linux shares a busy processor among sessions before it looks at niceness.
+    """
+    with suppress(OSError, AttributeError):
+        Path(f"/proc/{pid}/autogroup").write_text(str(os.getpriority(os.PRIO_PROCESS, 0)))
 
 
 def _stay_awake() -> None:

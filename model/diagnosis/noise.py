@@ -16,7 +16,6 @@ from model.support.arrays import Array, ComplexArray
 SESSION_GAIN_STD = WITNESSES[FRICTION].gain_std
 LOOSE_DEGREES = 6.0  # worth of the stated noise where no replicates check it: a scale known to about 30 %
 MOST_DEGREES = 200.0
-LEAST_STD = 1e-4  # of a logarithm, or rad: no rig keeps a voltage better from row to row, whatever its monitor resolves
 USUAL_STRAY_F = 300e-12  # where no open circuit tells
 AREA_STD = 0.03  # of the logarithm of the touch's area, from session to session
 
@@ -87,8 +86,10 @@ def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | No
             return None
         own_std[mine] = own.std
         found.append(own)
-    sure = int(np.sum(own_std < LEAST_STD))
-    own_std = np.maximum(own_std, LEAST_STD)
+    least = np.array([witness.least_std for witness in WITNESSES])
+    least = least[FRICTION if data.witness is None else data.witness]
+    sure = int(np.sum(own_std < least))
+    own_std = np.maximum(own_std, least)
     lower, blocks, shared = np.zeros((data.count, data.count)), [], shared_std(data)
     for rows in rows_in_order(data):
         rank = np.argsort(rows)  # when each was measured, in the order of the file

@@ -70,6 +70,8 @@ NUISANCES = (*FINGER, GAP_OFFSET)
 AREA = Nuisance("contact_area_m2", 0.15)
 # Leads and electrodes have 10 to 1000 pF; a model file that says how well its own is known narrows that.
 STRAY = Nuisance("stray_capacitance_f", 1.5, tail=0.01, added=1e-10)
+# A finger that comes changes the field that goes past it: an open circuit tells C_stray to 1 % (electrical.md).
+OPEN = Nuisance("open_circuit", 0.01)
 REST = Nuisance("rest_softening", 0.8, tail=0.01)
 
 
@@ -80,6 +82,8 @@ def nuisances(description: ModelDescription, data: Measurements) -> tuple[Nuisan
         own = description.parameters[STRAY.name]
         known = own.value > 0.0 and own.std is not None and own.std > 0.0
         free += [AREA, Nuisance(STRAY.name, own.std / own.value, tail=0.01) if known and own.std else STRAY]
+        if data.finger is not None and 0 < np.sum(data.finger == "none") < data.count:
+            free.append(OPEN)
     if data.finger is not None and np.any(data.finger == "resting"):
         free.append(REST)
     return tuple(free)

@@ -12,6 +12,9 @@ import numpy as np
 
 from model.support.arrays import Array
 
+KEPT = 1e-4  # a voltage from row to row
+MODELLED = 3e-3  # a current: independent models of one touch, each with its own integrals, differ by half of that
+
 
 @dataclass(frozen=True)
 class Witness:
@@ -20,7 +23,8 @@ class Witness:
     `std` is the column of its standard deviation; `usual_std` (relative, or rad) stands for it where neither that nor
     replicates say it. `gain_std` is what all rows of a session share: electrodes, washing and
     posture for friction, the monitors' gain and delay for the others. `against` is a column that it is compared with
-    where that is measured in the same row.
+    where that is measured in the same row. `least_std` (relative, or rad) is what no rig, or no model of a touch, is
+    better than from row to row, whatever its instrument resolves.
     """
 
     column: str
@@ -30,6 +34,7 @@ class Witness:
     usual_std: float | None
     is_phase: bool = False
     against: str = ""
+    least_std: float = KEPT
     range: tuple[float, float, str] = (-np.inf, np.inf, "")
 
     @property
@@ -41,7 +46,14 @@ class Witness:
 WITNESSES = (
     Witness("cof", "cof_std", "friction", 0.05, None, range=(1e-3, 20.0, "")),
     Witness(
-        "current_a", "current_std_a", "current", 0.02, 0.02, against="electrode_voltage_v", range=(1e-12, 100.0, "A")
+        "current_a",
+        "current_std_a",
+        "current",
+        0.02,
+        0.02,
+        against="electrode_voltage_v",
+        least_std=MODELLED,
+        range=(1e-12, 100.0, "A"),
     ),
     Witness(
         "current_phase_rad",
@@ -51,6 +63,7 @@ WITNESSES = (
         0.035,
         is_phase=True,
         against="electrode_voltage_phase_rad",
+        least_std=MODELLED,
         range=(-10.0, 10.0, "rad"),
     ),
     Witness(

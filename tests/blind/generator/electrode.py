@@ -54,7 +54,8 @@ def touch_admittance(state: State) -> np.ndarray:
     return area * ((mass * density).sum(axis=1) + (1 - mass.sum(axis=1)) * contact)
 
 
-def _one_kind(rows: Rows, kind: int, finger: Finger, rig: Rig, hidden: tuple[Hidden, ...]) -> Observed:
+def alone(rows: Rows, kind: int, finger: Finger, rig: Rig, hidden: tuple[Hidden, ...]) -> Observed:
+    """Rows of one state of the finger."""
     if kind == RESTING:
         finger = replace(finger, leak=finger.leak * rig.rest_leak, gap_offset=0.0)
         rows = replace(rows, speed=0 * rows.speed)
@@ -88,6 +89,6 @@ def observe(design: Design, finger: Finger, rig: Rig, hidden: tuple[Hidden, ...]
         mine = design.finger == kind
         part = Rows(*(x[mine] for x in (rows.f, rows.v, rows.n, rows.speed, rows.time)))
         distinct, back = part.unique()
-        seen = _one_kind(distinct, int(kind), finger, rig, live)
+        seen = alone(distinct, int(kind), finger, rig, live)
         cof[mine], voltage[mine], current[mine] = seen.cof[back], seen.voltage[back], seen.current[back]
     return Observed(np.where(design.slides, cof, np.nan), voltage, current)

@@ -21,6 +21,7 @@ FINGERS = np.array(["sliding", "resting", "none"])
 AREA_SD, REST_SD, STRAY_SD = 0.15, 0.8, 1.0  # of logarithms; a capacitance is as good as free
 GAIN_SD = {"cof": nuisance.SESSION_GAIN_SD, "current": 0.02, "current_phase": 0.01, "voltage": 0.01, "phase": 0.01}
 WITNESSES = tuple(GAIN_SD)
+Truth = tuple[Hidden, ...]
 # a gain bent over frequency would show more by its bend than by itself, since sessions share gains
 BENDABLE = {effect.name for effect in ELECTRIC} - {"drive_gain_error"}
 
@@ -173,18 +174,25 @@ def friction_lambda(design: Design, finger: Finger, noise: Noise, hidden: tuple[
     return [sight.of((h,)) for h in hidden]
 
 
-def build_pair(spec: Spec, seed: int) -> list[BlindSet]:
-    """One truth twice: with every witness, and its friction alone."""
+def _drawn(spec: Spec, seed: int) -> tuple[np.random.Generator, WitnessSight, Truth, list[float]]:
+    """What a specification draws: its sight (design, finger, rig and noise), effects, and how visible each is."""
     rng = np.random.default_rng([seed, int.from_bytes(spec.family.encode(), "big"), spec.index])
     finger = replace(nuisance.draw_finger(rng), area=1e-4 * float(np.exp(0.1 * rng.normal())))
-    design, rig, noise = designs.witnesses(rng), draw_rig(rng), draw_noise(rng)
-    sight = WitnessSight(design, finger, rig, noise)
-    hidden, seen = [], []
-    for name, target in spec.effects:
-        one, reached = sight.reach(draw_hidden(rng, find(name), spec.form), target)
-        hidden.append(one)
-        seen.append(reached)
-    truth = tuple(hidden)
+    sight = WitnessSight(designs.witnesses(rng), finger, draw_rig(rng), draw_noise(rng))
+    found = [sight.reach(draw_hidden(rng, find(name), spec.form), target) for name, target in spec.effects]
+    return rng, sight, tuple(hidden for hidden, _ in found), [seen for _, seen in found]
+
+
+def truth_of(spec: Spec, seed: int) -> tuple[Finger, Rig, Truth]:
+    """The same finger, rig and effects as those of `build_pair`."""
+    _, sight, truth, _ = _drawn(spec, seed)
+    return sight.finger, sight.rig, truth
+
+
+def build_pair(spec: Spec, seed: int) -> list[BlindSet]:
+    """One truth twice: with every witness, and its friction alone."""
+    rng, sight, truth, seen = _drawn(spec, seed)
+    design, finger, rig, noise = sight.design, sight.finger, sight.rig, sight.noise
     values = measured(rng, design, observe(design, finger, rig, truth), noise)
     alone = friction_lambda(design, finger, noise, truth)
     made = []

@@ -234,30 +234,18 @@ def test_flags_stay_up_until_the_next_arming(bench):
     assert bench.flags() == Flag(0)
 
 
-def test_missed_ticks_are_counted_and_too_many_in_a_row_are_a_fault(bench, render_settings):
+@pytest.mark.parametrize("missed", [5, 150])
+def test_missed_ticks_are_counted_and_flagged_and_rendering_goes_on(bench, missed):
+    """150 in a row were a fault once: a machine that stood still for so long had to be armed again."""
     bench.render()
     bench.run(0.1)
-    output = bench.run(PERIOD_S, missed=5)[-1]
-    assert (output.overruns, output.output_on, bench.flags()) == (5, True, Flag.OVERRUN)
-    bench.run(PERIOD_S)
-    at_once = render_settings.most_missed - 1
-    assert bench.run(PERIOD_S, missed=at_once)[-1].output_on
-    output = bench.run(PERIOD_S, missed=1)[-1]
-    assert (output.overruns, output.voltage_v) == (5 + at_once + 1, 0.0)
-    assert bench.flags() == Flag.OVERRUN | Flag.FAULT
-    assert not any(output.output_on for output in bench.run(0.1)), "a fault lasts until the next arming"
+    for n in (1, 2, 3):
+        output = bench.run(PERIOD_S, missed=missed)[-1]
+        assert (output.overruns, bench.flags() & ~Flag.STALE_SENSOR) == (n * missed, Flag.OVERRUN)
+    assert bench.run(0.2)[-1].output_on
     bench.command(arming=2)
     assert bench.run(0.1)[-1].output_on
     assert bench.flags() == Flag(0)
-
-
-def test_a_tick_in_time_ends_a_row_of_missed_ones(bench, render_settings):
-    bench.render()
-    bench.run(0.1)
-    for _ in range(5):
-        bench.run(PERIOD_S, missed=render_settings.most_missed - 1)
-        assert bench.run(PERIOD_S)[-1].output_on
-    assert Flag.FAULT not in bench.flags()
 
 
 def test_an_unreachable_target_is_flagged_and_the_nearest_friction_rendered(bench):

@@ -113,7 +113,7 @@ def test_what_render_flagged_before_it_heard_of_an_arming_does_not_count(bench):
 def test_a_render_process_that_is_silent_while_it_renders_is_a_fault(bench):
     bench.orders.render(bench.arm(), 1)
     bench.rendered()
-    assert bench.watch(watchers.OUTPUT_STALE_S - 0.01) == []
+    assert bench.watch(watchers.SILENT_S - 0.01) == []
     assert bench.watch(0.02)[0][0] == "fault"
     assert bench.orders.machine.state is DaemonState.FAULT
     assert bench.switched_off == 1

@@ -142,3 +142,29 @@ def test_a_machine_that_allows_no_precedence_is_no_failure(monkeypatch):
     monkeypatch.setattr(os, "setpriority", refuse)
     monkeypatch.setattr(sys, "setswitchinterval", lambda interval_s: None)  # of this process, for the tests to come
     assert real_time.take_precedence() is False
+
+
+CHILD = """
+import os
+from haptic_driver.processes.child import Child
+os.nice(3)
+child = Child("waiting", "json.tool", ["/dev/stdin"])
+print(open(f"/proc/{child.pid}/autogroup").read())
+child.kill()
+"""
+GIVING_WAY = """
+from haptic_driver.processes import real_time
+real_time.give_way()
+print(open("/proc/self/autogroup").read())
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/autogroup").exists(), reason="this kernel does not group sessions")
+@pytest.mark.parametrize(("code", "more"), [(CHILD, 3), (GIVING_WAY, None)])
+def test_a_session_of_its_own_weighs_what_its_niceness_says(code, more):
+    """Children had the share of any session: beside 4 busy loops instruments took 10 s to start."""
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, start_new_session=True
+    )
+    niceness = real_time.LEAST if more is None else os.getpriority(os.PRIO_PROCESS, 0) + more
+    assert run.stdout.strip().endswith(f"nice {niceness}")

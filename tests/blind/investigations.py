@@ -1,0 +1,158 @@
+"""Investigations of fingers that the project does not know: which effects get a name, and what choosing well saves.
+
+`python -m tests.blind.investigations --seed N --count 10 --out DIR` investigates each finger twice on the simulated
+rig, with the same first plan and the same number of blocks per round: once as `haptic investigate` chooses them, once
+at random among all that the rig may do. It writes what came of each into DIR, goes on there, and prints a table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from haptic_driver.experiments import investigate as product
+from haptic_driver.experiments.investigate import Budget, Subject, investigate
+from haptic_driver.experiments.plan import Plan, load_plan
+from haptic_driver.rig.config import load_rig
+from haptic_driver.simulation.finger_function import FingerFunction
+from haptic_driver.surface.models import load_model
+from model.diagnosis.design import Choice, Design, design
+from tests.reports import without_pictures
+
+from .generator.designs import NONE, RESTING, SLIDING
+from .generator.electrode import Rig, alone
+from .generator.families import specs
+from .generator.touch import STEADY_SPEED, Finger, Rows
+from .generator.witnesses import Truth, truth_of
+from .scores import wilson
+
+ROUNDS = 4
+TIME_STEP_S = 0.05  # effects of time see it in steps this long
+FEW = """
+name = "few"
+voltage_off_every = 4
+[[points]]
+frequency_hz = [20.0, 100.0, 250.0]
+voltage_v = [75.0, 110.0]
+normal_force_n = [0.25, 1.0]
+speed_m_s = 0.02
+[[sweep]]
+frequency_hz = { low = 10.0, high = 1e5, per_decade = 1 }
+normal_force_n = 0.5
+finger = ["none", "resting", "sliding"]
+"""
+
+
+def finger_function(finger: Finger, rig: Rig, truth: Truth) -> Callable[..., Any]:
+    """The generator's finger as design.md wants a function."""
+    needs = {hidden.effect.needs for hidden in truth}
+
+    @lru_cache(maxsize=512)
+    def answer(frequency_hz: float, voltage_v: float, load_n: float, speed_m_s: float, time_s: float) -> Any:
+        kind = NONE if load_n <= 0.0 else RESTING if speed_m_s == 0.0 else SLIDING
+        speed = speed_m_s if "speed_m_s" in needs else STEADY_SPEED
+        row = Rows(*(np.array([x]) for x in (frequency_hz, voltage_v, load_n if kind != NONE else 0.5, speed, time_s)))
+        seen = alone(row, kind, finger, rig, truth)
+        force_n = float(seen.cof[0]) * load_n if kind == SLIDING else 0.0
+        silent = voltage_v <= 0.0
+        return force_n, 0j if silent else complex(seen.current[0]), 0j if silent else complex(seen.voltage[0])
+
+    def of_arrays(frequency_hz: Any, voltage_v: Any, normal_force_n: Any, speed_m_s: Any, time_s: Any) -> Any:
+        steps = TIME_STEP_S * round(float(time_s[0]) / TIME_STEP_S) if "time_s" in needs else 0.0
+        condition = (float(x[0]) for x in (frequency_hz, voltage_v, normal_force_n, speed_m_s))
+        return tuple(np.array([part]) for part in answer(*condition, steps))
+
+    return of_arrays
+
+
+@contextmanager
+def random_choice(seed: int) -> Iterator[None]:
+    """As many blocks in every round as would have been chosen, but drawn from all."""
+    chance = np.random.default_rng(seed)
+
+    def drawn(diagnosis: Any, pool: Any, most: int, most_s: float, stubborn: Any = ()) -> Design:
+        chosen = design(diagnosis, pool, most, most_s, stubborn)
+        blocks = chance.permutation(pool.cost_s.size)[: len(chosen.choices)]
+        pairs = [choice.separates for choice in chosen.choices]
+        return Design(tuple(Choice(int(b), p, 0.0) for b, p in zip(blocks, pairs, strict=True)), chosen.reach)
+
+    product.design = drawn  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        product.design = design
+
+
+def asked(name: str, function: Callable[..., Any], plan: Plan, seed: int) -> dict[str, Any]:
+    """One investigation: its outcome, the names, and what it took."""
+    subject = Subject(load_rig("simulated"), load_model("reference"), plan, FingerFunction(function), seed)
+    with tempfile.TemporaryDirectory() as folder, without_pictures():
+        found = investigate(subject, Path(folder), Budget(rounds=ROUNDS))
+    names = [effect["name"] for effect in found.diagnosis["effects"]]
+    alike = [other for effect in found.diagnosis["effects"] for other in effect["indistinguishable_from"]]
+    return {
+        "hidden": name, "outcome": found.outcome, "named": names, "or": alike, "rounds": found.rounds,
+        "settings": len(found.settings), "minutes": found.measured_s / 60.0,
+    }  # fmt: skip
+
+
+def _is_named(got: dict[str, Any]) -> bool:
+    return bool(got["outcome"] == "named" and got["named"] == [got["hidden"]])
+
+
+def table(pairs: list[tuple[dict[str, Any], dict[str, Any]]]) -> str:
+    """Markdown: both ways beside one another."""
+    lines = ["| | as chosen | at random |", "|---|---|---|"]
+    both = list(zip(*pairs, strict=True))
+    count = len(pairs)
+    lines.append("| named rightly | " + " | ".join(wilson(sum(map(_is_named, p)), count) for p in both) + " |")
+    wrong = [sum(g["outcome"] == "named" and not _is_named(g) for g in part) for part in both]
+    lines.append("| named wrongly | " + " | ".join(wilson(w, count) for w in wrong) + " |")
+    listed = [sum(g["hidden"] in (*g["named"], *g["or"]) for g in part) for part in both]
+    lines.append("| right or in the group | " + " | ".join(wilson(n, count) for n in listed) + " |")
+    for what in ("rounds", "settings", "minutes"):
+        values = [statistics.median(g[what] for g in part) for part in both]
+        lines.append(f"| {what}, median | " + " | ".join(f"{value:.3g}" for value in values) + " |")
+    lines += ["", "| hidden | as chosen | settings | at random | settings |", "|---|---|---|---|---|"]
+    for pair in pairs:
+        cells = [f"{g['outcome']}, {' '.join([*g['named'], *g['or']]) or '-'} | {g['settings']}" for g in pair]
+        lines.append(f"| {pair[0]['hidden']} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--count", type=int, default=10)
+    parser.add_argument("--plan", help="of the first round; a few settings where none is given")
+    parser.add_argument("--out", type=Path, required=True)
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    few = given.out / "few.toml"
+    few.write_text(FEW)
+    plan, pairs = load_plan(given.plan or str(few)), []
+    for spec in specs(given.seed, 1.0, counts={"W1": given.count}):
+        kept = given.out / f"{spec.index}.json"
+        if not kept.exists():
+            finger, rig, truth = truth_of(spec, given.seed)
+            function = finger_function(finger, rig, truth)
+            chosen = asked(spec.effects[0][0], function, plan, spec.index)
+            with random_choice(spec.index):
+                at_random = asked(spec.effects[0][0], function, plan, spec.index)
+            kept.write_text(json.dumps([chosen, at_random], indent=1))
+        pairs.append(tuple(json.loads(kept.read_text())))
+        print(spec.index, *(f"{g['outcome']} {g['named']} {g['settings']}" for g in pairs[-1]), flush=True)
+    print(table(pairs))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,28 @@
+"""Fingers of the generator on the simulated rig, whose monitors resolve more than any model of a touch is good for."""
+
+from __future__ import annotations
+
+import pytest
+
+from haptic_driver.experiments.plan import Plan, load_plan
+
+from .generator.families import specs
+from .investigations import FEW, asked, finger_function, truth_of
+
+SEED = 7801
+
+
+@pytest.fixture(scope="module")
+def few(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    path = tmp_path_factory.mktemp("plan") / "few.toml"
+    path.write_text(FEW)
+    return load_plan(str(path))
+
+
+def test_an_open_circuit_one_percent_off_is_no_discrepancy(few: Plan) -> None:
+    """It was unexplained: current is read to 0.01 %, and the open circuit holds more than a touch has beside it."""
+    (spec,) = specs(SEED, 1.0, counts={"W0": 1})
+    finger, rig, truth = truth_of(spec, SEED)
+    assert (truth, abs(rig.open_error) > 0.005) == ((), True)
+    got = asked("none", finger_function(finger, rig, truth), few, 0)
+    assert (got["outcome"], got["rounds"]) == ("nothing_missing", 1)
