@@ -103,7 +103,7 @@ class TestAmplifierBandwidth:
 
 class TestAmplifierSlewLimit:
     def test_by_hand(self, prepared) -> None:
-        """1 V/us at 10 kHz: 15.9 V is the largest sine; from 29.7 V on a triangle of 25 V, whose fundamental is 20.264 V."""
+        """1 V/us at 10 kHz: 15.9 V is the largest sine; from 29.7 V on a triangle of 25 V, its fundamental 20.264 V."""
         limit = BY_NAME["amplifier_slew_limit"](slew_rate_v_per_s=1e6)
         volts = np.array([5.0, 15.9, 29.7, 100.0])
         square = prepared(touches(1e4, volts), limit).circuit.mean_square_v2[:, 0]
