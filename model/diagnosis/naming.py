@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.stats import norm, qmc
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
@@ -19,6 +20,8 @@ PRIOR_NONE, PRIOR_UNKNOWN = 0.5, 0.1
 SURE = 0.95  # the probability that a name, or a group of them, must have
 STARTS = (0.0, -2.0, 1.5, -3.0)
 KIN_NATS = 12.0  # by which an effect must lead another that acts at the same place of the chain
+NO_TRACE = 2.0  # lambda below which nobody would call an effect missing: what a parameter costs by Akaike
+DRAWS = 64  # of an effect's prior: shares of it to some per cent
 NONE, UNKNOWN = "none", "unknown"
 
 
@@ -92,6 +95,25 @@ def fit_candidates(
         progress("+".join(k.name for k in kind) or NONE)
         found.append(candidate(problem, kind, problem.best_fit(kind, base.vector, STARTS)))
     return found
+
+
+def unseen(problem: Problem, base: Candidate, kind: type[Effect]) -> float:
+    """log evidence of that part of an effect's prior which leaves no trace in these data, beside the base model.
+
+    From draws of the prior, with the finger and the gains as the base model has them, and linear about that.
+    """
+    fit, count = base.fit, len(kind.parameters())
+    draws = norm.ppf(qmc.Sobol(count, seed=0).random(DRAWS))
+    vectors = np.concatenate([np.broadcast_to(fit.vector, (DRAWS, fit.vector.size)), draws], axis=1)
+    scale = np.sqrt(fit.scale2)
+    residual, own = fit.residual / scale, fit.jacobian / scale
+    signatures = residual - problem.whitened((kind,), vectors) / scale
+    along = signatures @ own
+    taken_up = np.sum(along * np.linalg.solve(own.T @ own + np.eye(own.shape[1]), along.T).T, axis=1)
+    visible = np.sum(signatures**2, axis=1) - taken_up
+    hidden = visible < NO_TRACE
+    odds = np.exp(signatures[hidden] @ residual - 0.5 * visible[hidden])
+    return base.alone.log_evidence + float(np.log(max(odds.sum(), 1e-300) / DRAWS))
 
 
 def imitate(problem: Problem, true: Fit, rival: Candidate) -> Fit:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import logsumexp
@@ -85,11 +85,15 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Weighed:
-    """All single-effect models of one data set beside the base model."""
+    """All single-effect models of one data set beside the base model.
+
+    `unseen`: log evidence of each effect where it is too weak to leave a trace.
+    """
 
     base: Candidate
     singles: list[Candidate]
     untestable: list[str]
+    unseen: dict[str, float] = field(default_factory=dict)
 
     @property
     def winner(self) -> Candidate:
@@ -100,13 +104,14 @@ class Weighed:
     def probabilities(self) -> dict[str, float]:
         """Posterior of none, unknown and every effect of the catalogue, summing to 1, the largest first.
 
+        An effect too weak to leave a trace counts as none.
         Unknown is a discrepancy of any shape: beside the base model; beside the winner, where it wins there and the
         winner is not the effect itself in another form; and one that looks like an effect of a form far off, which is
         the less likely the more the effect says in particular.
         """
         each = np.log(PRIOR_EFFECTS / (len(self.singles) + len(self.untestable)))
         base, winner = self.base, self.winner
-        logs = {c.name: float(each + c.alone.log_evidence) for c in self.singles}
+        logs = {c.name: float(each + self._seen(c)) for c in self.singles}
         unknown = [np.log(PRIOR_UNKNOWN) + base.beside_discrepancy.log_evidence]
         unknown += [np.log(MIMICS) + each + mimic(c, base) for c in self.singles]
         more = np.log(PRIOR_UNKNOWN) + each + winner.beside_discrepancy.log_evidence
@@ -114,8 +119,14 @@ class Weighed:
             logs[winner.name] = float(np.logaddexp(logs[winner.name], more))
         elif beside_wins(winner):
             unknown.append(more)
-        logs |= {NONE: float(np.log(PRIOR_NONE) + base.alone.log_evidence), UNKNOWN: float(logsumexp(unknown))}
+        none = [np.log(PRIOR_NONE) + base.alone.log_evidence, *(each + value for value in self.unseen.values())]
+        logs |= {NONE: float(logsumexp(none)), UNKNOWN: float(logsumexp(unknown))}
         return _normalised(logs | {name: float(each + base.alone.log_evidence) for name in self.untestable})
+
+    def _seen(self, candidate: Candidate) -> float:
+        """log evidence of an effect where it leaves a trace."""
+        share = 1.0 - np.exp(min(self.unseen.get(candidate.name, -np.inf) - candidate.alone.log_evidence, 0.0))
+        return float(candidate.alone.log_evidence + np.log(max(share, 1e-300)))
 
 
 def _normalised(logs: dict[str, float]) -> dict[str, float]:

@@ -15,7 +15,7 @@ from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Problem
 from model.diagnosis.learned import LearnedTerm, learn
-from model.diagnosis.naming import Candidate, candidate, fit_candidates, testable_effects
+from model.diagnosis.naming import Candidate, candidate, fit_candidates, testable_effects, unseen
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.proof import Proof, prove
 from model.diagnosis.rival import left_beside
@@ -97,7 +97,7 @@ def diagnose(
     noise = problem.noise
     warnings += noise.warnings
     before = disagreement(data, noise, base.fit, base.bent, seed)
-    weighed = Weighed(base, singles, untestable)
+    weighed = Weighed(base, singles, untestable, {kind.name: unseen(problem, base, kind) for kind in kinds})
 
     def scan(found: Candidate) -> Disagreement:
         return disagreement(data, noise, found.fit, found.bent, seed)

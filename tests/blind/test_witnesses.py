@@ -65,9 +65,9 @@ def test_butterworth_of_second_order_has_its_phase():
     assert state.drive * np.exp(1j * state.drive_phase) == pytest.approx(5.0 * gain)
 
 
-def test_a_slewing_amplifier_makes_the_triangle_that_a_tracker_makes():
+@pytest.mark.parametrize("slew", [6e4, 2.5e5])
+def test_a_slewing_amplifier_makes_what_a_tracker_makes(slew):
     state = state_at([1e3], 50.0)
-    slew = 6e4
     CATALOGUE_EFFECTS["amplifier_slew_limit"].apply(state, 5e8 / slew, {}, False)
     steps = 4000
     t = np.arange(30 * steps) / steps / 1e3

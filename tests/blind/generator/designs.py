@@ -13,7 +13,7 @@ DECADES = np.array([1.0, 10.0, 50.0, 100.0, 250.0, 500.0, 1e3, 1e4, 1e5, 1e6])
 SPEEDS = np.array([0.005, 0.01, 0.02, 0.05, 0.1])
 LOADS = np.array([0.3, 0.5, 1.0])
 SLIDING, RESTING, NONE = 0, 1, 2
-SWEEP_V = 5.0
+SWEEP_V, LOW_SWEEP_V = 5.0, 1.0
 Generator = np.random.Generator
 
 
@@ -140,7 +140,10 @@ def quiet_grid(rng: Generator) -> Design:
 
 
 def witnesses(rng: Generator) -> Design:
-    """Friction within a rig's touch-current limits, then spectra at 5 V: open, resting and sliding, two loads."""
+    """Friction within a rig's touch-current limits, then spectra at 5 V: open, resting and sliding, two loads.
+
+    And one of two decades at 1 V, as the plan `witnesses` has it: what is linear is the same there.
+    """
     plan = _Plan(rng, 12.0)
     high = _grid([10.0, 50.0, 125.0, 250.0], [75.0, 125.0])
     crossed = _grid([30.0, 250.0], [100.0], [0.25, 1.0], [0.01, 0.04])
@@ -153,6 +156,8 @@ def witnesses(rng: Generator) -> Design:
         for kind, load in ((NONE, 0.5), *((k, n) for k in (RESTING, SLIDING) for n in (0.25, 1.0))):
             plan.block(_grid(spectrum, [SWEEP_V], [load]), session, 1)
             finger.append(np.full(spectrum.size, kind))
+        plan.block(_grid(spectrum[spectrum >= 1e4], [LOW_SWEEP_V]), session, 1)
+        finger.append(np.full(np.sum(spectrum >= 1e4), SLIDING))
     columns = ("cof_std", "session", "trial", "time_s", "speed_m_s")
     design = plan.build("witnesses", columns)
     slides = np.arange(design.session.size) < friction

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from .effect import Effect, log_uniform, nothing
@@ -26,6 +28,19 @@ def amplifier_bandwidth(state: State, knob: float, shape: dict, alternative: boo
     state.drive = state.drive / np.sqrt(1 + x ** (2 * shape["order"]))
 
 
+@cache
+def _tracked() -> tuple[np.ndarray, np.ndarray]:
+    """Ratios of slew rate to a sine's steepest slope, and the fundamental that is left of it: stepped through time."""
+    steps, ratio = 4000, np.linspace(0.3, 1.0, 141)
+    t = 2 * np.pi * np.arange(4 * steps) / steps
+    out, left = np.zeros(ratio.size), np.zeros(ratio.size, complex)
+    for i, at in enumerate(t):
+        out = out + np.clip(np.sin(at) - out, -ratio * t[1], ratio * t[1])
+        if i >= 3 * steps:
+            left += 2j * out * np.exp(-1j * at) / steps
+    return ratio, left
+
+
 def amplifier_slew_limit(state: State, knob: float, _shape: dict, alternative: bool) -> None:
     triangle = 8 / np.pi**2 * (5e8 / knob) / (4 * state.rows.f)
     if alternative:
@@ -33,9 +48,13 @@ def amplifier_slew_limit(state: State, knob: float, _shape: dict, alternative: b
         state.drive_phase = state.drive_phase - np.arccos(left)  # a saturated integrator in its loop: error leads by 90
         state.drive = state.drive * left
         return
-    peak = np.pi**2 / 8 * triangle / state.drive.clip(1e-12)  # the triangle turns where it meets the sine
-    state.drive_phase = state.drive_phase - np.arccos(np.minimum(peak, 1.0))
-    state.drive = np.minimum(state.drive, triangle)
+    peak = np.pi**2 / 8 * triangle / state.drive.clip(1e-12)
+    ratio, left = _tracked()
+    slope = 2 / np.pi * peak
+    partly = np.interp(slope, ratio, np.abs(left)), np.interp(slope, ratio, np.angle(left))
+    always = slope < 0.5  # a triangle, which turns where it meets the sine
+    state.drive_phase = state.drive_phase + np.where(always, -np.arccos(np.minimum(peak, 1.0)), partly[1])
+    state.drive = np.where(always, triangle, partly[0] * state.drive)
 
 
 def drive_gain_error(state: State, knob: float, shape: dict, alternative: bool) -> None:

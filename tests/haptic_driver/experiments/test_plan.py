@@ -34,12 +34,20 @@ def refused(folder: Path, text: str) -> BadInputError:
 
 @pytest.mark.parametrize(
     ("name", "settings", "rows"),
-    [("paper", 10, 99), ("voltage_frequency", 25, 171), ("speed_load_time", 36, 288), ("full", 108, 488)],
+    [("paper", 10, 99), ("voltage_frequency", 25, 171), ("speed_load_time", 36, 288), ("full", 168, 728)],
 )
 def test_shipped_plans_have_the_rows_they_promise(name: str, settings: int, rows: int) -> None:
     plan = load_plan(name)
     assert len(plan.settings) == settings
     assert len(plan.rows(plan.settings, plan.seed)) == rows
+
+
+@pytest.mark.parametrize("name", ["witnesses", "full"])
+def test_plans_with_spectra_repeat_some_at_another_amplitude(name: str) -> None:
+    sweeps = [s for s in load_plan(name).settings if s.sweep and s.finger == "sliding"]
+    swept = {v: {s.frequency_hz for s in sweeps if s.voltage_v == v} for v in (1.0, 5.0)}
+    assert len(swept[1.0]) >= 5
+    assert swept[1.0] <= swept[5.0]
 
 
 def test_the_papers_plan_has_its_frequencies() -> None:

@@ -103,9 +103,9 @@ class TestAmplifierBandwidth:
 
 class TestAmplifierSlewLimit:
     def test_by_hand(self, prepared) -> None:
-        """1 V/us at 10 kHz: 15.9 V is the largest sine; a triangle of 25 V has a fundamental of 20.264 V."""
+        """1 V/us at 10 kHz: 15.9 V is the largest sine; from 29.7 V on a triangle of 25 V, its fundamental 20.264 V."""
         limit = BY_NAME["amplifier_slew_limit"](slew_rate_v_per_s=1e6)
-        volts = np.array([5.0, 15.9, 16.0, 20.0, 20.264236728467556, 25.0, 100.0])
+        volts = np.array([5.0, 15.9, 29.7, 100.0])
         square = prepared(touches(1e4, volts), limit).circuit.mean_square_v2[:, 0]
         assert 8.0 / np.pi**2 * 25.0 == pytest.approx(20.264236728467556, rel=1e-14)
         np.testing.assert_allclose(square, np.minimum(volts, 20.264236728467556) ** 2 / 2.0, rtol=1e-14)
@@ -118,7 +118,7 @@ class TestAmplifierSlewLimit:
         assert_same(limited.predict(touches(f, 75.0)), models["reference"].predict(touches(f, voltage)), without=lags)
 
     @pytest.mark.parametrize("share", [0.2, 0.3, 0.5, 0.54, 0.6, 0.7, 0.8, 0.9, 1.1])
-    def test_the_lag_is_that_of_an_output_that_follows_as_fast_as_it_can(self, prepared, share: float) -> None:
+    def test_amount_and_lag_are_those_of_an_output_that_follows_as_fast_as_it_can(self, prepared, share: float) -> None:
         """Stepped through eight periods of 1 V at 1 Hz; `share` of the sine's steepest slope is the limit."""
         count = 10_000
         time_s = np.arange(8 * count) / count
@@ -128,7 +128,7 @@ class TestAmplifierSlewLimit:
         fundamental = 2j * np.mean(out[-count:] * np.exp(-2j * np.pi * time_s[-count:]))
         limit = BY_NAME["amplifier_slew_limit"](slew_rate_v_per_s=share * 2.0 * np.pi)
         got = prepared(touches(1.0, 1.0), limit).electrode_v[0]
-        assert np.angle(got) == pytest.approx(np.angle(fundamental), abs=0.012)
+        assert got == pytest.approx(fundamental, abs=5e-4)
 
     def test_direct_current_is_not_limited(self, with_effects, models) -> None:
         limited = with_effects(BY_NAME["amplifier_slew_limit"](slew_rate_v_per_s=1e2))

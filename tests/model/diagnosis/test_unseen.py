@@ -1,0 +1,60 @@
+"""What is too weak to leave a trace counts as nothing missing."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import norm
+
+from model.diagnosis.naming import NO_TRACE, PRIOR_NONE, UNKNOWN, unseen
+from model.diagnosis.verdict import PRIOR_EFFECTS, Weighed
+from model.effects import BY_NAME
+
+EFFECT = BY_NAME["drive_gain_error"]  # of one parameter
+
+
+def evidence_of_the_unseen(signature: np.ndarray, residual: np.ndarray, nuisance: np.ndarray) -> float:
+    """`signature` [n] per prior standard deviation of an effect that is linear in its parameter; base evidence 0."""
+    problem: Any = SimpleNamespace(whitened=lambda _, vectors: residual - vectors @ np.stack([nuisance, signature]))
+    fit = SimpleNamespace(vector=np.zeros(1), residual=residual, jacobian=nuisance[:, None], scale2=1.0)
+    base: Any = SimpleNamespace(fit=fit, alone=SimpleNamespace(log_evidence=0.0))
+    return unseen(problem, base, EFFECT)
+
+
+@pytest.mark.parametrize(("size", "residual"), [(0.5, 0.0), (2.0, 1.0), (20.0, -1.0)])
+def test_it_is_the_posterior_where_lambda_is_small(size: float, residual: float) -> None:
+    signature, nothing = np.array([size, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    edge = np.sqrt(NO_TRACE) / size
+    expected, _ = quad(lambda x: norm.pdf(x) * np.exp(residual * size * x - 0.5 * (size * x) ** 2), -edge, edge)
+    got = np.exp(evidence_of_the_unseen(signature, np.array([residual, 0.0, 0.0]), nothing))
+    assert got == pytest.approx(expected, abs=0.03)  # some of 64 draws lie near the edge
+
+
+def test_what_the_finger_can_take_up_leaves_no_trace() -> None:
+    """A nuisance with a wide prior moves the prediction as the effect does."""
+    signature = np.array([3.0, 3.0, 0.0])
+    assert evidence_of_the_unseen(signature, np.zeros(3), 100.0 * signature) == pytest.approx(0.0, abs=0.01)
+    assert evidence_of_the_unseen(signature, np.zeros(3), np.array([1.0, -1.0, 0.0])) < -0.5
+
+
+def candidate(name: str, log_evidence: float) -> Any:
+    evidence = SimpleNamespace(log_evidence=log_evidence, rough=-500.0)
+    return SimpleNamespace(name=name, alone=evidence, beside_discrepancy=SimpleNamespace(log_evidence=-500.0))
+
+
+def test_an_effect_that_leaves_no_trace_counts_as_none() -> None:
+    """Twenty effects of which the data say nothing would share 0.44 with none; half of each is unseen here."""
+    base, singles = candidate("none", 0.0), [candidate(f"effect {i}", 0.0) for i in range(20)]
+    plain = Weighed(base, singles, []).probabilities
+    assert plain["none"] == pytest.approx(PRIOR_NONE / (PRIOR_NONE + PRIOR_EFFECTS))
+    weighed = Weighed(base, singles, [], {c.name: np.log(0.5) for c in singles}).probabilities
+    assert weighed["none"] == pytest.approx((PRIOR_NONE + 0.5 * PRIOR_EFFECTS) / (PRIOR_NONE + PRIOR_EFFECTS))
+    assert weighed["effect 3"] == pytest.approx(0.5 * plain["effect 3"])
+    assert weighed[UNKNOWN] < 1e-12
+
+
+def test_a_strong_effect_loses_nothing() -> None:
+    base, strong = candidate("none", 0.0), candidate("effect", 50.0)
+    assert Weighed(base, [strong], [], {"effect": np.log(0.5)}).probabilities["effect"] > 1.0 - 1e-12
