@@ -4,7 +4,7 @@ BIN := .venv/bin
 # Hundreds of processes start in a test run: what one has compiled serves the next, whatever the environment says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo demo-diagnosis demo-live test soak kills mutate lint bench bench-live validate blind docs clean
+.PHONY: demo demo-diagnosis demo-live test soak kills mutate lint bench bench-live validate blind investigations docs clean
 
 .venv/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -68,6 +68,11 @@ SEED ?= 2
 blind: .venv/.test
 	$(BIN)/python -m tests.blind.generator --out out/blind --seed $(SEED) --scale $(SCALE) --workers 2
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.blind.evaluate --sets out/blind --out out/blind/results.md
+
+# haptic investigate against fingers of the blind generator, beside settings drawn at random: 1 to 3 minutes a finger.
+FINGERS ?= W0=2,W1=10
+investigations: .venv/.test
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.blind.investigations --seed $(SEED) --counts $(FINGERS) --out out/investigations-$(SEED)
 
 docs: .venv/.runtime
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
