@@ -70,7 +70,7 @@ NUISANCES = (*FINGER, GAP_OFFSET)
 AREA = Nuisance("contact_area_m2", 0.15)
 # Leads and electrodes have 10 to 1000 pF; a model file that says how well its own is known narrows that.
 STRAY = Nuisance("stray_capacitance_f", 1.5, tail=0.01, added=1e-10)
-# A finger that comes changes the field that goes past it: an open circuit tells C_stray to 1 % (electrical.md).
+# A finger that comes changes the field that goes past it: an open circuit tells C_stray to about 1 %, judged.
 OPEN = Nuisance("open_circuit", 0.01)
 REST = Nuisance("rest_softening", 0.8, tail=0.01)
 

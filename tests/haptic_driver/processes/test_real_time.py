@@ -163,7 +163,7 @@ print(open("/proc/self/autogroup").read())
 @pytest.mark.skipif(not Path("/proc/self/autogroup").exists(), reason="this kernel does not group sessions")
 @pytest.mark.parametrize(("code", "more"), [(CHILD, 3), (GIVING_WAY, None)])
 def test_a_child_weighs_what_its_parent_weighs_until_it_gives_way(code, more):
-    """Children had the share of any session: beside 4 busy loops instruments took 10 s to start.
+    """Children had the share of any session: a kill beside 4 busy loops took 12 s to recover from, and 8 s since.
 
     With less than that share an observer that gives way starved, and outlived a killed control by minutes.
     """
