@@ -14,7 +14,6 @@ from contextlib import suppress
 from typing import Any
 
 from haptic_driver.errors import HapticError
-from haptic_driver.processes.real_time import share_precedence
 
 STOP_TIMEOUT_S = 5.0
 # Another thread of the linear algebra library has no precedence of its own: a killed process is gone only when that
@@ -25,7 +24,8 @@ ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
 class Child:
     """One process, run as a module of this program; it says one JSON line when it is ready.
 
-    It is in a session of its own, so that what interrupts the daemon does not end it before the output is off.
+    It is in a group of its own, so that what interrupts the daemon does not end it before the output is off; and in the
+    daemon's session, among which Linux shares a busy processor before it looks at niceness.
     """
 
     def __init__(
@@ -44,9 +44,8 @@ class Child:
             stdout=subprocess.PIPE,
             env=os.environ | ENVIRONMENT,
             pass_fds=descriptors,
-            start_new_session=True,
+            process_group=0,
         )
-        share_precedence(self._process.pid)
         self._said: queue.Queue[bytes] = queue.Queue()
         self._threads = [
             threading.Thread(target=self._listen, daemon=True),

@@ -64,29 +64,18 @@ def take_precedence() -> bool:
         os.setpriority(os.PRIO_PROCESS, 0, min(NICENESS, os.getpriority(os.PRIO_PROCESS, 0)))
     except (OSError, AttributeError):
         return False
-    if os.getsid(0) == os.getpid():  # as a service
-        _weigh(os.getpid(), NICENESS)
+    if os.getsid(0) == os.getpid():  # as a service: Linux shares a busy processor among sessions first
+        with suppress(OSError):
+            Path("/proc/self/autogroup").write_text(str(NICENESS))
     return True
 
 
 def give_way() -> None:
-    """Let everybody else go first, from here on; a session of its own has the share of any, or it would starve."""
-    with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, LEAST)
-    if os.getsid(0) == os.getpid():
-        _weigh(os.getpid(), 0)
-
-
-def share_precedence(pid: int) -> None:
-    """A process that is alone in its session weighs as much as this one."""
+    """Let everybody else go first, from here on; in a session of its own, which has the share of any, or it starved."""
     with suppress(OSError, AttributeError):
-        _weigh(pid, os.getpriority(os.PRIO_PROCESS, 0))
-
-
-def _weigh(pid: int, niceness: int) -> None:
-    """Of a process' session: Linux shares a busy processor among sessions before it looks at niceness."""
-    with suppress(OSError):
-        Path(f"/proc/{pid}/autogroup").write_text(str(niceness))
+        os.setpriority(os.PRIO_PROCESS, 0, LEAST)
+        os.setpgid(0, os.getpgid(os.getppid()))  # who leads a group cannot begin a session
+        os.setsid()
 
 
 def _stay_awake() -> None:

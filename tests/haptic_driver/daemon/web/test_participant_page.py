@@ -24,7 +24,8 @@ def client(served, control):
 
 
 @pytest.fixture
-def page(browser, served):
+def page(browser, served, control):
+    """Only then: a page that had heard what was asked before waited for numbers that begin anew with the control."""
     context = browser.new_context(viewport={"width": 390, "height": 844})
     page = context.new_page()
     page.set_default_timeout(HANG_MS)
