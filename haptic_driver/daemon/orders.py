@@ -84,19 +84,18 @@ class Orders:
         self.pump.undo_late_command()
 
     def fail(self, reason: str) -> None:
-        """Off, and fault."""
+        """Fault, and off: where instruments are silent it takes seconds to learn that nobody knows whether it is."""
         if self.machine.state is DaemonState.FAULT:
             return
-        news = False
-
-        def move() -> None:
-            nonlocal news
+        with self.lock:
             news = self.machine.fault(reason)
             self._flags |= Flag.FAULT
-
-        self.withdraw(move)
+            self.pump.close()
+            self._order_now()
         if news:
             self._events.tell("fault", reason)
+        self.pump.off()
+        self.pump.undo_late_command()
 
     def reset(self) -> None:
         """Fault -> idle, without flags."""

@@ -148,6 +148,8 @@ class Rig:
         or the output cannot be shown to be off.
         """
         self._states.now_s = time_s
+        if self._switch.is_switching_off:  # another thread, which concludes; silent instruments answer no sooner twice
+            return
         self._lapse(time_s)
         if not self._switch.may_be_on:
             self._stay_off(time_s)
@@ -237,18 +239,19 @@ class Rig:
         silent_s = time_s - self._refreshed_s
         if self._switch.may_be_on and not silent_s <= self._safety.lease_s * ROUNDING:
             self._states.happens(Happening.LAPSED, f"not refreshed for {silent_s:.3g} s")
-            self.off()
+            self._off_for_certain(time_s)
 
     def _stay_off(self, time_s: float) -> None:
         """Switch off what is on; try again, not too often, what did not say off."""
         retry = not 0.0 <= time_s - self._tried_off_s < self._safety.off_retry_s
         if self._switch.may_be_on or (retry and not self._states.output.shown_off):
-            self._tried_off_s = time_s
-            evidence = self.off()
-            if evidence.output_on is not False:
-                raise HapticError(
-                    "not_off", f"the output may still be on: {evidence}", "switch the amplifier off by hand"
-                )
+            self._off_for_certain(time_s)
+
+    def _off_for_certain(self, time_s: float) -> None:
+        self._tried_off_s = time_s
+        evidence = self.off()
+        if evidence.output_on is not False:
+            raise HapticError("not_off", f"the output may still be on: {evidence}", "switch the amplifier off by hand")
 
     @contextmanager
     def _safe(self) -> Iterator[None]:

@@ -153,6 +153,11 @@ class Withdrawals:
         self.begun = self._ended = 0
         self._counting = threading.Lock()
 
+    @property
+    def under_way(self) -> bool:
+        """Whether somebody is switching off."""
+        return self.begun != self._ended
+
     def permit(self) -> Permit:
         """A permit; worth nothing while somebody is switching off."""
         return Permit(self, self._ended)

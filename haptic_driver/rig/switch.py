@@ -58,6 +58,11 @@ class OutputSwitch:
         """Whether it has been switched on, or begun to be, and not off since."""
         return self.states.output.may_be_on
 
+    @property
+    def is_switching_off(self) -> bool:
+        """Whether any thread is on the way off."""
+        return self._withdrawals.under_way
+
     @contextmanager
     def energising(self, wait: bool = True) -> Iterator[bool]:
         """This thread alone may raise the voltage, until anybody switches off; False where it did not wait for that."""

@@ -31,7 +31,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 
 from hw.errors import DeviceDisconnected, DeviceTimeout, SwitchedOff
 from hw.generator.contract import generator_kind
@@ -93,8 +92,9 @@ class WatchdogSettings:
 class Watchdog(Running):
     """The driver's side: starts the process and beats it; a heartbeat for `Rig`.
 
-    The process is in a session of its own and ignores SIGINT, SIGTERM and SIGHUP, so that what ends the driver does
-    not end it too. `beat` never waits.
+    The process is in a group of its own and ignores SIGINT, SIGTERM and SIGHUP, so that what ends the driver does
+    not end it too; it is in the driver's session, since Linux shares a busy processor among sessions first. `beat`
+    never waits.
     """
 
     def __init__(self, settings: WatchdogSettings) -> None:
@@ -121,7 +121,7 @@ class Watchdog(Running):
             bufsize=0,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            start_new_session=True,
+            process_group=0,
         )
         said = _first_line(process, timeout_s)
         if said != READY:
@@ -319,11 +319,9 @@ def switch_off(instruments: Sequence[_Instrument], settings: WatchdogSettings) -
 def main(arguments: Sequence[str] | None = None) -> Outcome:
     """Run the process; the outcome is its exit status."""
     settings = _parse(arguments)
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGTTOU"):  # the last where its terminal stops who writes unasked
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
-    with suppress(OSError):  # Linux gives each session the same share of a busy processor, unless it is told otherwise
-        Path("/proc/self/autogroup").write_text(str(os.getpriority(os.PRIO_PROCESS, 0)))
     logging.basicConfig(format="%(asctime)s watchdog: %(message)s", level=logging.INFO)
     instruments = _instruments(settings)
     silent = [instrument.resource for instrument in instruments if instrument.ask() is None]

@@ -84,6 +84,21 @@ def test_switching_off_waits_for_nobody_who_holds_the_lock(bench):
     assert ("trip", "over-current") in [(event.kind, event.message) for event in bench.events.since(0)]
 
 
+def test_a_fault_is_told_before_silent_instruments_have_been_waited_for(bench):
+    """With all instruments hanging the daemon was "rendering" for half a minute, with its output unknown."""
+    answers = threading.Event()
+    bench.orders.pump.actuator.off = lambda: (answers.wait(HANG_S), SimpleNamespace(output_on=None))[1]
+    bench.arm()
+    failing = threading.Thread(target=bench.orders.fail, args=("the generator does not answer",))
+    failing.start()
+    until(lambda: ("fault", "the generator does not answer") in [(e.kind, e.message) for e in bench.events.since(0)])
+    assert bench.orders.machine.state is DaemonState.FAULT
+    assert failing.is_alive()
+    answers.set()
+    failing.join(HANG_S)
+    assert not failing.is_alive()
+
+
 def test_a_lease_is_over_after_the_ramp_and_not_before(bench):
     bench.arm()
     bench.rendered()

@@ -142,13 +142,14 @@ def test_the_daemon_drives_it(haptic, environment, rig, tmp_path):
             until_ready(daemon)
             with subprocess.Popen(arm, env=environment, stdout=subprocess.DEVNULL) as armed:
                 client = HapticClient(str(address))
-                until(lambda: client.status().state == "armed")
+                until(lambda: client.status().state == "armed", lambda: client.status().fault)
                 haptic("set", 0.6, "--socket", address)
                 until(lambda: client.status().output_on and client.status().voltage_v > 1.0)
                 assert haptic("off", "--socket", address)["output_on"] is False
                 armed.send_signal(signal.SIGINT)
                 armed.wait(HANG_S)
-            assert haptic("disarm", "--socket", address)["state"] == "idle"
+            said = haptic("disarm", "--socket", address)
+            assert said["state"] == "idle", said["fault"]
         finally:
             daemon.send_signal(signal.SIGINT)
             daemon.wait(HANG_S)

@@ -351,6 +351,46 @@ def test_output_that_is_not_refreshed_goes_to_zero(bench):
     assert bench.voltage_v == 0.0  # holding what is off does not bring it back
 
 
+def test_output_that_lapses_and_is_not_shown_off_is_told_after_one_try(rig_config):
+    """It was tried a second time first: of a rig whose instruments all hung the daemon spoke after 30 s."""
+    bench = Bench(rig_config, enable=False, monitor=False)
+    bench.rig.command(0.0, on(50.0))
+    bench.wire.take()
+    bench.faults.inject(Fault.HANG, count=math.inf)
+    assert bench.rig.off().output_on is None
+    one_try = bench.wire.take()
+    assert one_try
+    bench.faults.heal()
+    bench.rig.command(1.0, on(50.0))
+    bench.wire.take()
+    bench.faults.inject(Fault.HANG, count=math.inf)
+    with pytest.raises(HapticError, match="may still be on"):
+        bench.rig.watch(2.0)
+    assert bench.wire.take() == one_try
+
+
+def test_who_watches_does_not_wait_where_another_thread_is_on_the_way_off(bench, monkeypatch):
+    """The daemon's thread that watches has others to look after while instruments are silent."""
+    asked, answers, write = threading.Event(), threading.Event(), bench.amplifier.write
+
+    def hang(level):
+        asked.set()
+        assert answers.wait(60.0)
+        write(level)
+
+    bench.rig.command(0.0, on(80.0))
+    monkeypatch.setattr(bench.amplifier, "write", hang)
+    switching = threading.Thread(target=bench.rig.off)
+    switching.start()
+    assert asked.wait(60.0)
+    bench.wire.take()
+    bench.rig.watch(1.0)
+    assert bench.wire.take() == []
+    answers.set()
+    switching.join(60.0)
+    assert bench.rig.state is RigState.OFF
+
+
 def test_a_late_command_starts_again_from_the_minimum(bench):
     bench.rig.command(0.00, on(100.0))
     bench.rig.command(0.01, on(150.0))

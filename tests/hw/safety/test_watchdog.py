@@ -137,7 +137,7 @@ def test_the_watchdog_ignores_what_is_meant_for_the_driver(bench: Bench) -> None
     with Watchdog(bench.settings()) as watchdog:
         watchdog.beat()
         assert watchdog.pid is not None
-        assert os.getsid(watchdog.pid) == watchdog.pid  # a terminal's Ctrl-C does not reach it
+        assert os.getpgid(watchdog.pid) == watchdog.pid  # a terminal's Ctrl-C does not reach it
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
             os.kill(watchdog.pid, getattr(signal, name))
         time.sleep(0.1)
