@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.controller import (
+    CAUTION_CUTS,
     INITIAL,
     MERIT_AUTHORITY,
     MERIT_CURRENT,
@@ -21,12 +23,14 @@ from haptic_driver.render.controller import (
     ControllerSettings,
     ControllerState,
     best_node,
+    careful_cof,
+    is_clearly_better,
     step,
 )
-from haptic_driver.render.correction import NO_CORRECTION
+from haptic_driver.render.correction import NO_CORRECTION, Factors
 from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains
 from haptic_driver.render.safety import violation
-from haptic_driver.render.surface import NO_CAPS, cof_at
+from haptic_driver.render.surface import NO_CAPS, Inverse, cof_at
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
 from haptic_driver.surface.file import ready_for_lookup
 from model.conditions import Conditions
@@ -264,6 +268,50 @@ def test_the_frequency_moves_when_another_is_clearly_better(rivals):
     controller = make(rivals, "max_authority", hysteresis=0.05)
     state, _ = ask(controller, 0.7, state=ControllerState(100.0))
     assert state.frequency_hz != 100.0
+
+
+def reaching(voltage_v=50.0, current_a=1e-4, high=1.0):
+    """What a frequency that reaches a friction of 0.7 from one of 0.5 takes for it."""
+    return Inverse(voltage_v, 0.7, current_a, current_a, 0.5, high)
+
+
+@pytest.mark.parametrize(
+    ("merit", "best", "present", "moves"),
+    [
+        (MERIT_VOLTAGE, reaching(10.0), reaching(10.4), False),
+        (MERIT_VOLTAGE, reaching(10.0), reaching(10.6), True),
+        (MERIT_VOLTAGE, reaching(0.1), reaching(0.9), False),  # either is next to nothing
+        (MERIT_VOLTAGE, reaching(10.0, 1e-4), reaching(10.0, 1e-3), False),
+        (MERIT_CURRENT, reaching(10.0, 1e-4), reaching(10.0, 1.06e-4), True),
+        (MERIT_CURRENT, reaching(10.0, 1e-7), reaching(90.0, 9e-7), False),
+        (MERIT_AUTHORITY, reaching(high=1.0), reaching(high=0.9), True),
+        (MERIT_AUTHORITY, reaching(10.0, 1e-6, high=1.0), reaching(90.0, 1e-3, high=0.99), False),
+        (MERIT_VOLTAGE, reaching(high=0.69), reaching(high=0.6), True),  # neither reaches: the one that comes nearer
+    ],
+)
+def test_a_carrier_moves_for_what_its_policy_counts_and_for_more_than_the_hysteresis(
+    surface, merit, best, present, moves
+):
+    law = FeedbackSettings(0.0)
+    control = Control(surface, NO_CORRECTION, False, law, False, 0, 200, merit, 0.05, math.nan, NO_CAPS)
+    assert is_clearly_better(control, best, present, 0.7) is moves
+
+
+@pytest.mark.parametrize("most", [0.7, 0.8, 0.9])
+def test_what_is_not_known_of_a_finger_counts_for_a_standard_deviation(most):
+    """Expected: the root of what is felt and its standard deviation by the law of variances, found by brentq."""
+    gains, factors, low, cof = Gains(1.1, 0.9, 4e-3, -1e-3, 9e-3), Factors(1.05, 0.8), 0.5, 1.0
+
+    def felt(on_surface):
+        shares = np.array([factors.off * low, factors.rise * (on_surface - low)])
+        covariance = np.array([[gains.off_variance, gains.covariance], [gains.covariance, gains.rise_variance]])
+        return shares @ [gains.off, gains.rise] + math.sqrt(shares @ covariance @ shares)
+
+    careful = careful_cof(gains, factors, low, cof, most)
+    expected = brentq(lambda each: felt(each) - most, low, cof)
+    halved = CAUTION_CUTS - 1  # the first one tries the whole
+    assert expected - (cof - low) / 2**halved <= careful <= expected
+    assert careful_cof(gains, factors, low, cof, felt(cof) + 1e-9) == cof
 
 
 # --- safety ----------------------------------------------------------------------------------------------------

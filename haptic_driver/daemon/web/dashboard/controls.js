@@ -153,8 +153,14 @@ export class Controls {
   }
 
   choose() {
-    $("chosen").textContent = this.texture || "–";
+    this.sayChosen();
     this.chosen(this.texture);
+  }
+
+  // What Play would play, and what plays, where that is another.
+  sayChosen() {
+    const chosen = this.texture || "–", playing = this.status?.texture;
+    say("chosen", playing && playing !== chosen ? `${chosen} (${playing} plays)` : chosen);
   }
 
   // --- showing ---------------------------------------------------------------------------------------------------
@@ -174,6 +180,7 @@ export class Controls {
     say($("record").querySelector("button"), stop);
     for (const label of document.querySelectorAll("#textures label"))
       label.classList.toggle("playing", label.dataset.name === status.texture);
+    this.sayChosen();
   }
 
   // A frame that was on its way when the lease came says nothing about it.

@@ -282,6 +282,9 @@ def test_a_page_opened_while_a_texture_plays_shows_the_texture_itself(browser, c
     control.play(control.arm(60.0, "a test").token, "linen", nearest=False)
     page = opened(browser, served)
     text(page, "#shown", "linen")
+    text(page, "#chosen", "braille (linen plays)")  # what Play would play is another
+    page.check("#textures input[value=linen]", force=True)
+    text(page, "#chosen", "linen")
     page.context.close()
 
 
