@@ -159,7 +159,7 @@ export class Controls {
 
   // What Play would play, and what plays, where that is another.
   sayChosen() {
-    const chosen = this.texture || "–", playing = this.status?.texture;
+    const chosen = this.texture || "–", playing = this.status?.texture?.split("/").pop().replace(/[.]toml$/, "");
     say("chosen", playing && playing !== chosen ? `${chosen} (${playing} plays)` : chosen);
   }
 
