@@ -111,10 +111,10 @@ class OutputSwitch:
 
     def off(self) -> OffEvidence:
         """Off at once, from any thread, and what is known of it. Never raises, and always concludes."""
+        free, evidence = False, NOTHING_KNOWN
         self._withdrawals.begin()
-        free = self._lock.acquire(blocking=False)
-        evidence = NOTHING_KNOWN
         try:
+            free = self._lock.acquire(blocking=False)
             seen = self._switch_off()
             if not free:
                 # Another thread was switching on; what it did after us is undone once it has noticed.

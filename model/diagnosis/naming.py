@@ -17,6 +17,7 @@ from model.effects import CATALOGUE, Effect
 from model.support.arrays import Array
 
 PRIOR_NONE, PRIOR_UNKNOWN = 0.5, 0.1
+PRIOR_EFFECTS = 1.0 - PRIOR_NONE - PRIOR_UNKNOWN  # shared by all of the catalogue
 SURE = 0.95  # the probability that a name, or a group of them, must have
 STARTS = (0.0, -2.0, 1.5, -3.0)
 KIN_NATS = 12.0  # by which an effect must lead another that acts at the same place of the chain

@@ -9,22 +9,14 @@ import numpy as np
 from scipy.special import logsumexp
 
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.naming import (
-    PRIOR_NONE,
-    PRIOR_UNKNOWN,
-    STARTS,
-    SURE,
-    Candidate,
-    could_stand_for,
-    fit_candidates,
-)
+from model.diagnosis.naming import PRIOR_EFFECTS, STARTS, SURE, Candidate, could_stand_for, fit_candidates
 from model.effects import CATALOGUE, Effect
 from model.support.arrays import Array
 
 Kinds = tuple[type[Effect], ...]
 MOST = 3  # effects at once
 FITTED = 6  # of those beside others: the most promising
-ANOTHER = float(np.log((1.0 - PRIOR_NONE - PRIOR_UNKNOWN) / len(CATALOGUE)))  # log prior of one more: as of the first
+ANOTHER = float(np.log(PRIOR_EFFECTS / len(CATALOGUE)))  # log prior of one more: as of the first
 
 
 @dataclass

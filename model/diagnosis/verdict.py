@@ -12,6 +12,7 @@ from model.diagnosis.fit import Problem
 from model.diagnosis.naming import (
     KIN_NATS,
     NONE,
+    PRIOR_EFFECTS,
     PRIOR_NONE,
     PRIOR_UNKNOWN,
     SURE,
@@ -33,7 +34,6 @@ LACK_OF_FIT = 5e-4  # pilot sets: clear effects of another form reach 0.001, str
 NEAR_NATS = 12.0  # rivals farther behind in evidence are refuted by these very data
 NAME_REMAINDER = 0.18  # of the effect's own signature: what may be left beside a name,
 LIST_REMAINDER = 0.37  # and beside a list; pilot sets: strangers that effects half explain leave 0.2 and 0.38 up
-PRIOR_EFFECTS = 1.0 - PRIOR_NONE - PRIOR_UNKNOWN
 MIMICS = PRIOR_UNKNOWN / PRIOR_EFFECTS  # of an effect's prior: something unknown that looks like it, but for its form
 PARTICULAR = 0.25  # of a nat, what each nat beyond a discrepancy of any shape says against a look-alike; pilot sets
 MENDED = 3.0  # times what a discrepancy beside an effect adds, the effect's own form says beyond any; pilot sets

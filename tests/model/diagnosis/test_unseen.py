@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from model.diagnosis.naming import NO_TRACE, PRIOR_NONE, UNKNOWN, unseen
-from model.diagnosis.verdict import PRIOR_EFFECTS, Weighed
+from model.diagnosis.naming import NO_TRACE, PRIOR_EFFECTS, PRIOR_NONE, UNKNOWN, unseen
+from model.diagnosis.verdict import Weighed
 from model.effects import BY_NAME
 
 EFFECT = BY_NAME["drive_gain_error"]  # of one parameter
