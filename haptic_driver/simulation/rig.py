@@ -25,7 +25,7 @@ from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
 from model.touch_model import TouchModel
 
-FORCE_TIMEOUT_S = 60.0  # simulated time stands still while the model is asked
+TIMEOUT_S = 60.0  # of instruments that are there: simulated time stands still meanwhile, whatever the machine does
 
 
 class SimulatedRig:
@@ -34,8 +34,9 @@ class SimulatedRig:
     `rig` is what a driver sees, `instruments` what lies behind; `instruments.amplifier` keeps the record of what really
     was at the electrode. `friction` and `electrode`: any functions instead of the model's with the effects that the
     rig's configuration hides; friction without the other leaves nothing to read at the electrode. `wrap`: see
-    `SimulatedInstruments`. `through` may put something around the driver's transport, such as a wire log. `touch_gain`
-    multiplies the current of the model's touch, beside the stray one.
+    `SimulatedInstruments`. `through` may put something around the driver's transport, such as a wire log.
+    `reply_timeout_s`: how long the driver waits for the generator, in place of the configuration's, which is meant for
+    real time. `touch_gain` multiplies the current of the model's touch, beside the stray one.
     """
 
     def __init__(
@@ -46,7 +47,10 @@ class SimulatedRig:
         friction: FrictionLaw | None = None,
         electrode: ElectrodeLaw | None = None,
         through: Callable[[Transport], Transport] = lambda transport: transport,
+        reply_timeout_s: float = TIMEOUT_S,
     ) -> None:
+        generator = config.waveform_generator.model_copy(update={"reply_timeout_s": reply_timeout_s})
+        config = config.model_copy(update={"waveform_generator": generator})
         finger, stray_f = with_hidden(model, config.simulation.hide), config.simulation.stray_capacitance_f
         self.instruments = SimulatedInstruments(config, friction or friction_of(finger), wrap=wrap)
         self.amplifier = self.instruments.amplifier
@@ -119,12 +123,12 @@ class _SteppedForceSensor:
     def __init__(self, instruments: SimulatedInstruments) -> None:
         self._instruments = instruments
         server = instruments.force_box
-        settings = NetFtSettings(server.host, SCALE, ForceAxes("-z", "x"), port=server.port, timeout_s=FORCE_TIMEOUT_S)
+        settings = NetFtSettings(server.host, SCALE, ForceAxes("-z", "x"), port=server.port, timeout_s=TIMEOUT_S)
         self.box = NetFt(settings)
 
     def read(self) -> ForceReading:
         """The forces now."""
-        heard, until_s = self.box.counters.accepted, time.monotonic() + FORCE_TIMEOUT_S
+        heard, until_s = self.box.counters.accepted, time.monotonic() + TIMEOUT_S
         self._instruments.force_box.emit(1)
         reading = self.box.read()
         while self.box.counters.accepted == heard:  # it is still on its way

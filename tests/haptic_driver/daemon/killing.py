@@ -6,7 +6,6 @@ import json
 import math
 import os
 import queue
-import signal
 import subprocess
 import sys
 import threading
@@ -23,6 +22,7 @@ HANG_S = 240.0
 LEASE_S = 0.5
 SCHEDULING_S = 0.2  # what a loaded machine may add to any reaction
 WATCHED_S = 1.1  # after a signal
+LONGEST_S = 5.0  # that is watched where there is no zero yet, though the amplifier lives
 
 
 class KillableDaemon:
@@ -68,16 +68,27 @@ class KillableDaemon:
                 return self.report["pids"]
             assert time.monotonic() < until_s, f"no output: {self.report}"
 
-    def time_to_zero_s(self, pid, sent=signal.SIGKILL):
+    def time_to_zero_s(self, name, sent):
         """Send a process a signal; how long until zero at the electrode, for good. Infinite without a zero in time."""
+        longest_s = WATCHED_S if name == "instruments" else LONGEST_S
         sent_s = time.monotonic()
-        os.kill(pid, sent)
+        os.kill(self.report["pids"][name], sent)
         time.sleep(WATCHED_S)
-        zero_s = sent_s
+        while math.isinf(zero_s := self._zero_s()) and time.monotonic() < sent_s + longest_s:
+            time.sleep(0.1)
+        self.forget_output()
+        return max(0.0, zero_s - sent_s)
+
+    def _zero_s(self):
+        """When the electrode came to zero for good; infinite where it has not."""
+        zero_s = math.inf
         for time_s, voltage_v in history(self.record):
-            zero_s = math.inf if voltage_v > 0.0 else min(zero_s, max(time_s, sent_s))
-        os.truncate(self.record, 0)  # or reading it takes longer and longer
-        return zero_s - sent_s
+            zero_s = math.inf if voltage_v > 0.0 else min(zero_s, time_s)
+        return zero_s
+
+    def forget_output(self):
+        """Begin the amplifier's record anew; reading it takes longer and longer."""
+        os.truncate(self.record, 0)
 
     def close(self):
         with suppress(BrokenPipeError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 
 import pytest
@@ -19,7 +20,7 @@ from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.simulation.served import as_real
 from hw.serving.tcp import TcpServer
 from tests.haptic_driver.daemon.refusal import refusal
-from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering
+from tests.haptic_driver.daemon.waiting import LEASE_S
 from tests.haptic_driver.stand_ins import living_rig
 from tests.hw.analog.simulated_analog_output import SimulatedAnalogOutput
 from tests.hw.testing.faulty_net_ft import FaultyNetFt, RdtFault
@@ -55,8 +56,7 @@ def running(settings, served):
     daemon.supervisor.instruments.devices.stage.home()  # the finger's place is known from here on, and it presses
     until(lambda: daemon.shared.sensed.read().touching)
     yield daemon
-    lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, RESTING)
+    render(daemon, served)
     assert daemon.close() is False
     assert served.amplifier.voltage_v == 0.0
     assert not served.generator.output().on
@@ -123,9 +123,7 @@ def test_a_target_reaches_the_electrode_and_off_takes_it_away(daemon, served):
     status = daemon.status()
     assert (status.state, status.simulated, status.output_on) == (DaemonState.IDLE, False, False)
     assert set(daemon.pids) == {"render", "watchdog", "loader", "observer"}
-    lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, RESTING)
-    keep_rendering(daemon, lease.token, lambda: served.amplifier.voltage_v > 20.0)
+    render(daemon, served)
     assert served.interlock.closed
     status = daemon.status()
     assert (status.output_on, status.actuator) == (True, "setpoints over SCPI")
@@ -159,9 +157,7 @@ def test_without_real_time_scheduling_it_is_not_armed(daemon, monkeypatch):
 
 
 def test_a_generator_that_goes_is_a_fault_and_one_that_comes_back_renders_again(daemon, served):
-    lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, RESTING)
-    keep_rendering(daemon, lease.token, lambda: served.amplifier.voltage_v > 20.0)
+    render(daemon, served)
     server = served.instruments.generator_server
     server.close()
     until(lambda: daemon.status().state is DaemonState.FAULT)
@@ -174,11 +170,24 @@ def test_a_generator_that_goes_is_a_fault_and_one_that_comes_back_renders_again(
     served.instruments.generator_server = TcpServer(served.generator, server.port)
     served.instruments.generator_server.start()
     until(lambda: _reset(daemon))
-    lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, RESTING)
-    keep_rendering(daemon, lease.token, lambda: served.amplifier.voltage_v > 20.0)
+    render(daemon, served)
     daemon.off()
     assert served.amplifier.voltage_v == 0.0
+
+
+def render(daemon, served):
+    """Ask for friction until there is voltage; anew after a fault: the instruments share this process."""
+
+    def there():
+        with suppress(RefusedError):  # a fault since its status was asked for
+            match daemon.status().state:
+                case DaemonState.FAULT:
+                    daemon.reset()
+                case DaemonState.IDLE:
+                    daemon.set_target(daemon.arm(LEASE_S).token, RESTING)
+        return served.amplifier.voltage_v > 20.0
+
+    until(there, daemon.status)
 
 
 def _reset(daemon):

@@ -34,10 +34,7 @@ def stages(surface, limits, rig_config):
     return make
 
 
-def quick(rig_config, reply_timeout_s=0.25):
-    """The same rig, waiting less for an instrument that is going to be silent."""
-    generator = rig_config.waveform_generator.model_copy(update={"reply_timeout_s": reply_timeout_s})
-    return rig_config.model_copy(update={"waveform_generator": generator})
+SILENT_S = 0.5  # is waited for an instrument that is going to be silent
 
 
 def press(duration_s=0.4, force_n=0.5, speed_m_s=0.04):
@@ -161,7 +158,7 @@ class Faulty:
 @pytest.mark.parametrize("fault", CODES)
 def test_a_generator_that_fails_in_the_middle_of_a_slide(stages, rig_config, touch, fault, count):
     faulty = Faulty()
-    with SimulatedRig(quick(rig_config), touch, wrap=faulty) as bench:
+    with SimulatedRig(rig_config, touch, wrap=faulty, reply_timeout_s=SILENT_S) as bench:
 
         def spoil(tick):
             if tick == 150:
@@ -189,7 +186,7 @@ def test_a_generator_that_fails_in_the_middle_of_a_slide(stages, rig_config, tou
 @pytest.mark.parametrize("fault", CODES)
 def test_the_generator_itself_is_off_too_once_it_answers_again(rig_config, touch, fault):
     faulty = Faulty()
-    with SimulatedRig(quick(rig_config), touch, wrap=faulty) as bench:
+    with SimulatedRig(rig_config, touch, wrap=faulty, reply_timeout_s=SILENT_S) as bench:
         bench.rig.connect()
         bench.rig.command(0.0, DriveCommand(250.0, 80.0, True))
         bench.step(0.05, 0.5, 0.04)
@@ -206,7 +203,7 @@ def test_the_generator_itself_is_off_too_once_it_answers_again(rig_config, touch
 @pytest.mark.timeout(60)
 def test_a_generator_that_is_silent_from_the_start(stages, rig_config, touch):
     faulty = Faulty()
-    with SimulatedRig(quick(rig_config, 0.05), touch, wrap=faulty) as bench:  # nothing will be answered in any time
+    with SimulatedRig(rig_config, touch, wrap=faulty, reply_timeout_s=0.05) as bench:
         faulty.begin(Fault.SILENCE, math.inf)
         with pytest.raises(HapticError) as failed:
             render_slide(press(), GRATING, stages(GRATING), bench, lambda _: None)
@@ -218,7 +215,7 @@ def test_a_generator_that_is_silent_from_the_start(stages, rig_config, touch):
 @pytest.mark.timeout(60)
 def test_rendering_goes_on_after_a_fault_has_passed(stages, rig_config, touch):
     faulty = Faulty()
-    with SimulatedRig(quick(rig_config), touch, wrap=faulty) as bench:
+    with SimulatedRig(rig_config, touch, wrap=faulty) as bench:
         faulty.begin(Fault.DISCONNECT, 1)
         with pytest.raises(HapticError):
             render_slide(press(), GRATING, stages(GRATING), bench, lambda _: None)
