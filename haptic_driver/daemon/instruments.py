@@ -87,12 +87,14 @@ class Instruments:
         return self.devices.close().output_on
 
 
-def connect_real(config: RigConfig, on_event: Callable[[RigEvent], None]) -> Instruments:
+def connect_real(
+    config: RigConfig, on_event: Callable[[RigEvent], None], before: ForceSensor | None = None
+) -> Instruments:
     """The devices that a real rig's file names, open. Raises HapticError and DeviceError.
 
-    The force sensor takes its bias: leave it unloaded.
+    The force sensor takes its bias: leave it unloaded. It keeps that of the one `before`, where there was one.
     """
-    devices = connect_devices(config, on_event=on_event)
+    devices = connect_devices(config, on_event=on_event, before=before)
     if devices.tracker is None:
         raise BadInputError(
             "no_finger_tracker", f"rig {config.name} names no finger tracker: nobody tells where the finger is",

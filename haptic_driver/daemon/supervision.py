@@ -28,6 +28,7 @@ from haptic_driver.rig.rig import require_verified
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import SLIDING_M_S
 from hw.errors import DeviceError
+from hw.force.sensor import ForceSensor
 
 START_TIMEOUT_S = 240.0  # compiling all kernels, on a busy machine
 LOOK_PERIOD_S = 0.2  # between looks at the rig and its watchdog
@@ -54,6 +55,7 @@ class Supervisor:
         self.missing = "the daemon is starting"
         self.instruments: Instruments | None = None
         self.endpoints: dict[str, str] = {}  # of simulated instruments
+        self._force_sensor: ForceSensor | None = None  # the last of a real rig, whose bias the next one keeps
         self.real_time = False
         self.settings = settings  # of what is started next
         self._shared = shared
@@ -189,7 +191,8 @@ class Supervisor:
             self.endpoints = self._children[INSTRUMENTS].ready(START_TIMEOUT_S)["endpoints"]
             self.instruments = connect_simulated(config, self.endpoints, self._orders.rig_says)
         else:
-            self.instruments = connect_real(config, self._orders.rig_says)
+            self.instruments = connect_real(config, self._orders.rig_says, self._force_sensor)
+            self._force_sensor = self.instruments.devices.force_sensor
         self.instruments.estimate_force(partial(sliding_carrier_hz, self._shared), lambda: self.settings.model)
         self._orders.pump.actuator = self.instruments.actuator
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import ceil
 from typing import Self
 
@@ -90,17 +91,22 @@ class Devices:
 
 
 def connect_devices(
-    config: RigConfig, *, on_event: Callable[[RigEvent], None] = lambda event: None, transport: Transport | None = None
+    config: RigConfig,
+    *,
+    on_event: Callable[[RigEvent], None] = lambda event: None,
+    transport: Transport | None = None,
+    before: ForceSensor | None = None,
 ) -> Devices:
     """The drivers of the devices that `config` names; nothing is opened before the result is entered.
 
     With an analog output the generator's amplitude follows it. `transport` stands in for the generator's, e.g. one that
-    records. Raises BadInputError for a rig without hardware.
+    records. `before`: the force sensor of an earlier connection, whose bias is kept, since a finger may press now.
+    Raises BadInputError for a rig without hardware.
     """
     if config.simulated:
         raise BadInputError("simulated", f"rig {config.name} is simulated", "use haptic_driver.simulation.rig")
     parts = _Parts(config)
-    force_sensor = parts.force_sensor()
+    force_sensor = parts.force_sensor(before)
     stage = parts.stage()
     tracker = parts.tracker(stage)
     watchdog = parts.watchdog()
@@ -197,14 +203,17 @@ class _Parts:
         self.closing: list[Callable[[], object]] = []
         self._inputs = self._analog_inputs()
 
-    def force_sensor(self) -> ForceSensor:
+    def force_sensor(self, before: ForceSensor | None) -> ForceSensor:
         sensor = self._config.force_sensor
         part = None if sensor is None else make_part(FORCE_SENSORS, sensor, Wiring(self._inputs))
         if part is None:
             raise BadInputError(
                 "no_force_sensor", f"rig {self._config.name} names no force sensor", "add a section [force_sensor]"
             )
-        self.after_rig += part.opening
+        zeroing = part.zeroing
+        if before is not None and zeroing:
+            zeroing = [partial(part.device.keep_bias, before)]
+        self.after_rig += [*part.opening, *zeroing]
         self.closing[:0] = part.closing
         device: ForceSensor = part.device
         return device

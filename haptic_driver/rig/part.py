@@ -106,11 +106,16 @@ class Wiring:
 
 @dataclass(frozen=True)
 class Part(Generic[Device]):
-    """A device, not open, and how it is opened and closed."""
+    """A device, not open, and how it is opened and closed.
+
+    `zeroing` makes a force sensor's present load its zero, after `opening`. Where a rig is connected again a finger may
+    press: the device is then asked to `keep_bias(before)` of the one before it.
+    """
 
     device: Device
     opening: Sequence[Callable[[], object]] = ()
     closing: Sequence[Callable[[], object]] = ()
+    zeroing: Sequence[Callable[[], object]] = ()
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import NamedTuple
 
-from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
+from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
 from hw.force.sensor import ForceAxes, ForceReading, Wrench
 
 DEFAULT_PORT = 49152
@@ -163,6 +163,21 @@ class NetFt:
                     f"{self.resource} still reads {self._newest.force_n} N after its bias was taken",
                     "leave the sensor unloaded and still; then take the bias again",
                 ) from None
+
+    def keep_bias(self, before: NetFt) -> None:
+        """Go on with the bias that the box itself keeps as long as it has power: somebody may press it now.
+
+        Raises DeviceError where its F/T sequence began anew since `before` was read: it was off, and its bias is lost.
+        """
+        with self._lock:
+            assert self._sequences is not None  # both have been open
+            assert before._sequences is not None
+            step = (self._sequences[1] - before._sequences[1]) % _SEQUENCE_MODULUS
+            if step >= _SEQUENCE_MODULUS // 2:
+                raise DeviceError(
+                    f"{self.resource} was off meanwhile and has lost its bias",
+                    "take everything off the sensor, then start the daemon again",
+                )
 
     def close(self) -> None:
         """Stop the stream and hang up; never fails, does nothing when closed."""

@@ -126,6 +126,10 @@ class GaugeForceSensor:
         self._bias_v = gauges_v.mean(axis=0)
         return self._bias_v
 
+    def keep_bias(self, before: GaugeForceSensor) -> None:
+        """Go on with the bias of the same transducer, connected before: somebody may press it now."""
+        self._bias_v = before._bias_v
+
     def read_wrench(self) -> Wrench:
         """Return force and torque now. Raises DeviceError, also when no bias was taken."""
         if self._bias_v is None:

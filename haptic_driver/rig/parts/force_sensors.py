@@ -84,7 +84,7 @@ def make_ni(section: NiForceSensorConfig, wiring: Wiring) -> Part[GaugeForceSens
         samples_per_reading=section.samples_per_reading,
         samples_per_bias=section.samples_per_bias,
     )
-    return Part(gauges, [gauges.take_bias])
+    return Part(gauges, zeroing=[gauges.take_bias])
 
 
 class NetFtForceSensorConfig(PartSection):
@@ -123,7 +123,7 @@ def make_net_ft(section: NetFtForceSensorConfig, wiring: Wiring) -> Part[NetFt]:
     from hw.force.net_ft import NetFt
 
     net_ft = NetFt(section.settings())
-    return Part(net_ft, [net_ft.open, net_ft.take_bias], [net_ft.close])
+    return Part(net_ft, [net_ft.open], [net_ft.close], zeroing=[net_ft.take_bias])
 
 
 SIMULATED = PartKind(SimulatedForceSensorConfig)

@@ -211,6 +211,8 @@ def test_sensors_that_fall_silent_are_connected_anew(daemon, served, monkeypatch
     until(lambda: _reset(daemon))
     assert daemon.supervisor.instruments is not before
     assert daemon.status().output_on is False
+    # The finger pressed meanwhile: once its load became the sensor's zero, and nothing was rendered any more.
+    until(lambda: daemon.shared.sensed.read().normal_force_n > 0.4)
     assert any("reset to go on" in event.message for event in daemon.events(0))
     daemon.arm(1.0)
 

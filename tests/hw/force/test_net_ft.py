@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
+from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
 from hw.force.net_ft import NetFt, NetFtScale, NetFtSettings, RdtCounters
 from hw.force.sensor import ForceAxes
 from tests.hw.testing.faulty_net_ft import FaultyNetFt, RdtFault
@@ -240,6 +240,25 @@ def test_a_bias_that_was_not_taken_is_an_error() -> None:
         with pytest.raises(BadReply, match="still reads"):
             device.take_bias()
         device.close()
+
+
+def test_a_box_that_kept_its_power_keeps_its_bias_and_another_has_lost_it() -> None:
+    force_n = [0.0]
+    with FaultyNetFt(lambda: (0.0, 0.0, -force_n[0], 0.0, 0.0, 0.0)) as box:
+        before, again = client_of(box.port), client_of(box.port)
+        before.open()
+        before.take_bias()
+        before.close()
+        force_n[0] = 0.5  # the finger presses
+        again.open()
+        again.keep_bias(before)
+        assert again.read().normal_force_n == pytest.approx(0.5)
+        again.close()
+        box._f_t_sequence = 0
+        again.open()
+        with pytest.raises(DeviceError, match="has lost its bias"):
+            again.keep_bias(before)
+        again.close()
 
 
 def test_a_box_that_is_not_there_is_a_timeout() -> None:

@@ -53,6 +53,15 @@ def test_readings_are_means_over_their_samples() -> None:
     assert device.read().lateral_force_n == pytest.approx(0.1)
 
 
+def test_one_that_is_connected_again_under_a_finger_keeps_the_bias_of_before() -> None:
+    gauges = Gauges()
+    before, again = sensor(gauges), sensor(gauges)
+    before.take_bias()
+    gauges.samples_v = gauges.samples_v + np.array([0.03, 0.0, -0.05, 0.0, 0.0, 0.2])
+    again.keep_bias(before)
+    assert again.read() == pytest.approx(ForceReading(1.5, 0.5, 0.3, False))
+
+
 def test_without_a_bias_nothing_is_read() -> None:
     with pytest.raises(DeviceError, match="no bias"):
         sensor(Gauges()).read()
