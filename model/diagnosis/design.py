@@ -1,16 +1,13 @@
 """Which measurements tell the leading models apart soonest: blocks of settings, chosen one after the other.
 
-Box and Hill's and Hunter and Reiner's discrimination: how far two models' predictions differ, in standard deviations,
-once everything that is uncertain has been bent to hide it: both models' parameters, as far as the data so far leave
-them free, and the gains of the sessions to come. Pairs count by the product of their probabilities, up to what makes a
-name; a block counts by what it adds per second.
+What may hide a difference (`model.diagnosis.separation`): both models' parameters, as far as the data so far leave
+them free, and the gains of the sessions to come. A block's cost is its time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +17,7 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.fit import STEP
 from model.diagnosis.naming import Candidate, imitate
 from model.diagnosis.noise import shared_std
+from model.diagnosis.separation import Choice, Pair, by_block, choose, weights
 from model.diagnosis.space import Predictor
 from model.diagnosis.verdict import APART
 from model.diagnosis.witness import WITNESSES
@@ -28,8 +26,6 @@ from model.effects.interventions import NOTHING
 from model.support.arrays import Array
 
 MODELS = 6  # that take part
-LEAST_WEIGHT = 1e-3  # of the first model and any other, beside the weightiest pair: each rival deserves a test
-LEAST_GAIN = 0.01  # of all that is to be told: a block that adds less is not worth its time
 USUAL_STD = 0.03  # of a witness that has said nothing so far, where nothing is usual of it
 
 
@@ -46,14 +42,6 @@ class Pool:
     repeats: int
 
 
-class Choice(NamedTuple):
-    """A block, the two models that it is for, and what it adds to their separation, in chi^2."""
-
-    block: int
-    separates: tuple[str, str]
-    gain: float
-
-
 class Design(NamedTuple):
     """The blocks to measure, in the order of their use, and what even the whole pool could do for each pair.
 
@@ -62,64 +50,6 @@ class Design(NamedTuple):
 
     choices: tuple[Choice, ...]
     reach: dict[str, float]
-
-
-@dataclass(frozen=True)
-class _Told:
-    """What measurements tell of one pair of models: the normal equations of everything that could hide a difference.
-
-    `normal` [..., k, k], `moment` [..., k], `square` [...]; in standard deviations.
-    """
-
-    normal: Array
-    moment: Array
-    square: Array
-
-    def __add__(self, more: _Told) -> _Told:
-        """Both together."""
-        return _Told(self.normal + more.normal, self.moment + more.moment, self.square + more.square)
-
-    def __getitem__(self, which: int | NDArray[np.intp]) -> _Told:
-        """Some of the first axis."""
-        return _Told(self.normal[which], self.moment[which], self.square[which])
-
-    def only(self, these: NDArray[np.bool_]) -> _Told:
-        """What these of the first axis tell; the others nothing."""
-        square = np.where(these, self.square, 0.0)
-        return _Told(self.normal * these[:, None, None], self.moment * these[:, None], square)
-
-    def chi2(self) -> Array:
-        """The separation that is left once everything has been bent to hide it."""
-        hidden = np.linalg.solve(self.normal, self.moment[..., None])[..., 0]
-        return np.asarray(self.square - np.sum(self.moment * hidden, axis=-1))
-
-
-def _nothing(size: int) -> _Told:
-    """What is told before anything is measured: every parameter has its prior standard deviation of 1."""
-    return _Told(np.eye(size), np.zeros(size), np.zeros(()))
-
-
-@dataclass
-class _Pair:
-    """Two models, what they weigh, what each block would tell of them, and what is told by those chosen so far."""
-
-    names: tuple[str, str]
-    weight: float
-    blocks: _Told
-    told: _Told
-    reached: float = 0.0
-
-    def reach(self) -> float:
-        """Separation with every block."""
-        every = (np.sum(values, axis=0) for values in (self.blocks.normal, self.blocks.moment, self.blocks.square))
-        return float((_nothing(self.blocks.moment.shape[1]) + _Told(*every)).chi2())
-
-    def choose(self, block: int) -> float:
-        """Take a block; returns what it adds."""
-        before = self.reached
-        self.told = self.told + self.blocks[block]
-        self.reached = float(self.told.chi2())
-        return self.reached - before
 
 
 def design(
@@ -135,31 +65,13 @@ def design(
         return Design((), {})
     leaders = leading(findings)
     pairs = _pairs(findings, leaders, pool, _own_std(findings, diagnosis.data, pool.observations))
-    enough, acts = APART, _of_interventions(pool)
+    acts = _of_interventions(pool)
     reach = {pair.names[1]: pair.reach() for pair in pairs if pair.names[0] == leaders[0][0].name}
     for pair in pairs:
         if frozenset(pair.names) in stubborn:
-            asked = replace(pair, blocks=pair.blocks.only(acts))
+            asked = Pair(pair.names, pair.weight, pair.blocks.only(acts))
             pair.blocks = asked.blocks if asked.reach() >= APART else pair.blocks
-    left, left_s = set(range(pool.cost_s.size)), most_s
-    choices: list[Choice] = []
-    while len(choices) < most:
-        possible = np.array(sorted(b for b in left if pool.cost_s[b] <= left_s), dtype=np.intp)
-        if not possible.size:
-            break
-        reached = np.array([(pair.told + pair.blocks[possible]).chi2() for pair in pairs])
-        so_far = np.array([[pair.reached] for pair in pairs])
-        gains = np.minimum(reached, enough) - np.minimum(so_far, enough)
-        weighed = np.array([[pair.weight] for pair in pairs]) * gains
-        if weighed.sum(axis=0).max() < LEAST_GAIN * enough * sum(pair.weight for pair in pairs):
-            break
-        best = int(np.argmax(weighed.sum(axis=0) / pool.cost_s[possible]))
-        block, first = int(possible[best]), int(np.argmax(weighed[:, best]))
-        added = [pair.choose(block) for pair in pairs]
-        choices.append(Choice(block, pairs[first].names, added[first]))
-        left.discard(block)
-        left_s -= float(pool.cost_s[block])
-    return Design(tuple(choices), reach)
+    return Design(tuple(choose(pairs, pool.cost_s, most, most_s, APART)), reach)
 
 
 def _of_interventions(pool: Pool) -> NDArray[np.bool_]:
@@ -182,7 +94,7 @@ def leading(findings: Findings) -> list[tuple[Candidate, float]]:
     return [chosen, *((c, verdict.probabilities[c.name]) for c in fitted[: MODELS - 1])]
 
 
-def _pairs(findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool: Pool, own_std: Array) -> list[_Pair]:
+def _pairs(findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool: Pool, own_std: Array) -> list[Pair]:
     """Every two models, weighed by the product of their probabilities.
 
     Beside the first, each other one is what it would be if the data so far were what the first says they are: what it
@@ -199,28 +111,15 @@ def _pairs(findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool:
         means.append(values[0])
         spreads.append((values[1:] - values[0]).T / STEP @ root)
     usable = np.all(np.isfinite(np.column_stack([*means, *spreads])), axis=1)
-    sure = np.where(usable, 1.0 / std, 0.0)[:, None]
+    sure = np.where(usable, 1.0 / std, 0.0)
     gains = _session_gains(data)
-    weights = [a[1] * b[1] for a, b in combinations(leaders, 2)]
-    floor = LEAST_WEIGHT * max(weights, default=1.0) or 1.0
     pairs = []
-    for weight, (i, j) in zip(weights, combinations(range(len(leaders)), 2), strict=True):
-        difference = np.nan_to_num(predictor.less(means[i], means[j]))[:, None]
+    for (i, j), weight in weights([probability for _, probability in leaders]).items():
+        difference = np.nan_to_num(predictor.less(means[i], means[j]))
         spread = np.nan_to_num(np.concatenate([gains, spreads[i], spreads[j]], axis=1))
-        blocks = _by_block(sure * difference, sure * spread, pool)
-        names = (leaders[i][0].name, leaders[j][0].name)
-        pairs.append(_Pair(names, max(weight, floor if i == 0 else 0.0), blocks, _nothing(spread.shape[1])))
+        blocks = by_block(sure * difference, sure[:, None] * spread, pool.block, pool.cost_s.size)
+        pairs.append(Pair((leaders[i][0].name, leaders[j][0].name), weight, blocks))
     return pairs
-
-
-def _by_block(difference: Array, spread: Array, pool: Pool) -> _Told:
-    """What each block tells, from differences [n, 1] and what may hide them [n, k], in standard deviations."""
-    rows = [pool.block == b for b in range(pool.cost_s.size)]
-    return _Told(
-        np.array([spread[here].T @ spread[here] for here in rows]),
-        np.array([(spread[here].T @ difference[here])[:, 0] for here in rows]),
-        np.array([np.sum(difference[here] ** 2) for here in rows]),
-    )
 
 
 def _own_std(findings: Findings, before: Measurements, data: Measurements) -> Array:

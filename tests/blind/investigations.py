@@ -27,7 +27,8 @@ from haptic_driver.experiments.plan import Plan, load_plan
 from haptic_driver.rig.config import load_rig
 from haptic_driver.simulation.finger_function import FingerFunction
 from haptic_driver.surface.models import load_model
-from model.diagnosis.design import Choice, Design, design
+from model.diagnosis.design import Design, design
+from model.diagnosis.separation import Choice
 from tests.reports import without_pictures
 
 from .generator.designs import NONE, RESTING, SLIDING

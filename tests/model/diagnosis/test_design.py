@@ -11,7 +11,7 @@ import pytest
 from model.conditions import Conditions
 from model.description import read_model
 from model.diagnosis.data import Measurements, read_measurements
-from model.diagnosis.design import _nothing, _Pair, _Told
+from model.diagnosis.separation import Pair, Told
 from model.diagnosis.space import Predictor
 from model.effects import BY_NAME, CATALOGUE
 from model.effects.interventions import INTERVENTIONS
@@ -74,12 +74,12 @@ def test_rows_that_contradict_kramers_and_kronig_are_left_out(tmp_path: Path) ->
 
 def pair(
     rng: np.random.Generator, blocks: int, rows: int, size: int
-) -> tuple[_Pair, list[tuple[np.ndarray, np.ndarray]]]:
+) -> tuple[Pair, list[tuple[np.ndarray, np.ndarray]]]:
     raw = [(rng.normal(size=(rows, size)), rng.normal(size=rows)) for _ in range(blocks)]
-    told = _Told(
+    told = Told(
         np.array([u.T @ u for u, _ in raw]), np.array([u.T @ d for u, d in raw]), np.array([d @ d for _, d in raw])
     )
-    return _Pair(("a", "b"), 1.0, told, _nothing(size)), raw
+    return Pair(("a", "b"), 1.0, told), raw
 
 
 def test_the_separation_is_that_of_the_covariance() -> None:
@@ -102,4 +102,4 @@ def test_the_separation_is_that_of_the_covariance() -> None:
 def test_no_parameter_free_enough_hides_nothing() -> None:
     found, raw = pair(np.random.default_rng(5), 2, 6, 1)
     silent = replace(found.blocks, normal=0.0 * found.blocks.normal, moment=0.0 * found.blocks.moment)
-    assert _Pair(("a", "b"), 1.0, silent, _nothing(1)).reach() == pytest.approx(sum(d @ d for _, d in raw))
+    assert Pair(("a", "b"), 1.0, silent).reach() == pytest.approx(sum(d @ d for _, d in raw))

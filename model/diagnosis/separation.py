@@ -1,0 +1,137 @@
+"""Which blocks of observations tell models apart soonest, of arrays alone: what a block is worth, and a greedy choice.
+
+Box and Hill's and Hunter and Reiner's discrimination (Technometrics 9, 1967, 57; 7, 1965, 307): how far two models'
+predictions differ, in standard deviations, once everything that is uncertain has been bent to hide it. Pairs count by
+the product of their probabilities, up to what makes a name; a block counts by what it adds per cost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.support.arrays import Array
+
+LEAST_WEIGHT = 1e-3  # of the first model and any other, beside the weightiest pair: each rival deserves a test
+LEAST_GAIN = 0.01  # of all that is to be told: a block that adds less is not worth its cost
+
+
+class Choice(NamedTuple):
+    """A block, the two models that it is for, and what it adds to their separation, in chi^2."""
+
+    block: int
+    separates: tuple[str, str]
+    gain: float
+
+
+@dataclass(frozen=True)
+class Told:
+    """What measurements tell of one pair of models: the normal equations of everything that could hide a difference.
+
+    `normal` [..., k, k], `moment` [..., k], `square` [...]; in standard deviations.
+    """
+
+    normal: Array
+    moment: Array
+    square: Array
+
+    def __add__(self, more: Told) -> Told:
+        """Both together."""
+        return Told(self.normal + more.normal, self.moment + more.moment, self.square + more.square)
+
+    def __getitem__(self, which: int | NDArray[np.intp]) -> Told:
+        """Some of the first axis."""
+        return Told(self.normal[which], self.moment[which], self.square[which])
+
+    def only(self, these: NDArray[np.bool_]) -> Told:
+        """What these of the first axis tell; the others nothing."""
+        square = np.where(these, self.square, 0.0)
+        return Told(self.normal * these[:, None, None], self.moment * these[:, None], square)
+
+    def chi2(self) -> Array:
+        """The separation that is left once everything has been bent to hide it."""
+        hidden = np.linalg.solve(self.normal, self.moment[..., None])[..., 0]
+        return np.asarray(self.square - np.sum(self.moment * hidden, axis=-1))
+
+
+def _nothing(size: int) -> Told:
+    """What is told before anything is measured: every uncertain quantity has its standard deviation of 1."""
+    return Told(np.eye(size), np.zeros(size), np.zeros(()))
+
+
+def by_block(difference: Array, spread: Array, block: NDArray[np.intp], count: int) -> Told:
+    """What each of `count` blocks tells of a pair.
+
+    `difference` [n] of the predictions and `spread` [n, k], what may hide it, a column per uncertain quantity moved by
+    its own standard deviation; both in standard deviations of the noise. `block` [n] says whose each observation is.
+    """
+    rows = [block == b for b in range(count)]
+    return Told(
+        np.array([spread[here].T @ spread[here] for here in rows]),
+        np.array([spread[here].T @ difference[here] for here in rows]),
+        np.array([np.sum(difference[here] ** 2) for here in rows]),
+    )
+
+
+@dataclass
+class Pair:
+    """Two models, what they weigh, what each block would tell of them, and what is told by those chosen so far."""
+
+    names: tuple[str, str]
+    weight: float
+    blocks: Told
+    told: Told = field(init=False)
+    reached: float = field(default=0.0, init=False)
+
+    def __post_init__(self) -> None:
+        """Nothing is told before anything is measured."""
+        self.told = _nothing(self.blocks.moment.shape[1])
+
+    def reach(self) -> float:
+        """Separation with every block."""
+        every = (values.sum(axis=0) for values in (self.blocks.normal, self.blocks.moment, self.blocks.square))
+        return float((_nothing(self.blocks.moment.shape[1]) + Told(*every)).chi2())
+
+    def choose(self, block: int) -> float:
+        """Take a block; returns what it adds."""
+        before = self.reached
+        self.told = self.told + self.blocks[block]
+        self.reached = float(self.told.chi2())
+        return self.reached - before
+
+
+def weights(probabilities: Sequence[float]) -> dict[tuple[int, int], float]:
+    """What every two models weigh, the first of all with each other one at least a little."""
+    products = {(i, j): probabilities[i] * probabilities[j] for i, j in combinations(range(len(probabilities)), 2)}
+    floor = LEAST_WEIGHT * max(products.values(), default=1.0) or 1.0
+    return {(i, j): max(weight, floor if i == 0 else 0.0) for (i, j), weight in products.items()}
+
+
+def choose(pairs: Sequence[Pair], cost: Array, most: int, most_cost: float, enough: float) -> list[Choice]:
+    """At most `most` of the blocks, that together cost at most `most_cost`, those that tell most per cost first.
+
+    `cost` [blocks]; of each pair counts what is told up to `enough`, in chi^2.
+    """
+    left, choices = set(range(cost.size)), list[Choice]()
+    weight = np.array([[pair.weight] for pair in pairs])
+    while len(choices) < most:
+        possible = np.array(sorted(b for b in left if cost[b] <= most_cost), dtype=np.intp)
+        if not possible.size:
+            break
+        reached = np.array([(pair.told + pair.blocks[possible]).chi2() for pair in pairs])
+        so_far = np.array([[pair.reached] for pair in pairs])
+        weighed = weight * (np.minimum(reached, enough) - np.minimum(so_far, enough))
+        if weighed.sum(axis=0).max() < LEAST_GAIN * enough * weight.sum():
+            break
+        best = int(np.argmax(weighed.sum(axis=0) / cost[possible]))
+        block, first = int(possible[best]), int(np.argmax(weighed[:, best]))
+        added = [pair.choose(block) for pair in pairs]
+        choices.append(Choice(block, pairs[first].names, added[first]))
+        left.discard(block)
+        most_cost -= float(cost[block])
+    return choices
