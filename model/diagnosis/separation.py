@@ -70,11 +70,9 @@ def by_block(difference: Array, spread: Array, block: NDArray[np.intp], count: i
     `difference` [n] of the predictions and `spread` [n, k], what may hide it, a column per uncertain quantity moved by
     its own standard deviation; both in standard deviations of the noise. `block` [n] says whose each observation is.
     """
-    rows = [block == b for b in range(count)]
+    each = [(spread[here], difference[here]) for here in (block == b for b in range(count))]
     return Told(
-        np.array([spread[here].T @ spread[here] for here in rows]),
-        np.array([spread[here].T @ difference[here] for here in rows]),
-        np.array([np.sum(difference[here] ** 2) for here in rows]),
+        np.array([u.T @ u for u, _ in each]), np.array([u.T @ d for u, d in each]), np.array([d @ d for _, d in each])
     )
 
 
@@ -112,10 +110,13 @@ def weights(probabilities: Sequence[float]) -> dict[tuple[int, int], float]:
     return {(i, j): max(weight, floor if i == 0 else 0.0) for (i, j), weight in products.items()}
 
 
-def choose(pairs: Sequence[Pair], cost: Array, most: int, most_cost: float, enough: float) -> list[Choice]:
+def choose(
+    pairs: Sequence[Pair], cost: Array, most: int, most_cost: float, enough: float, least: float = LEAST_GAIN
+) -> list[Choice]:
     """At most `most` of the blocks, that together cost at most `most_cost`, those that tell most per cost first.
 
-    `cost` [blocks]; of each pair counts what is told up to `enough`, in chi^2.
+    `cost` [blocks]; of each pair counts what is told up to `enough`, in chi^2. A block that adds less than `least` of
+    all that is to be told is not chosen.
     """
     left, choices = set(range(cost.size)), list[Choice]()
     weight = np.array([[pair.weight] for pair in pairs])
@@ -126,7 +127,7 @@ def choose(pairs: Sequence[Pair], cost: Array, most: int, most_cost: float, enou
         reached = np.array([(pair.told + pair.blocks[possible]).chi2() for pair in pairs])
         so_far = np.array([[pair.reached] for pair in pairs])
         weighed = weight * (np.minimum(reached, enough) - np.minimum(so_far, enough))
-        if weighed.sum(axis=0).max() < LEAST_GAIN * enough * weight.sum():
+        if weighed.sum(axis=0).max() < least * enough * weight.sum():
             break
         best = int(np.argmax(weighed.sum(axis=0) / cost[possible]))
         block, first = int(possible[best]), int(np.argmax(weighed[:, best]))
