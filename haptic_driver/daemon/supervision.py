@@ -177,8 +177,7 @@ class Supervisor:
 
     def _begin_instruments(self) -> None:
         """Begin to start simulated instruments; real ones are there already."""
-        settings = self.settings
-        if settings.config.simulated:
+        if (settings := self.settings).config.simulated:
             record = [] if settings.amplifier_record is None else ["--record", settings.amplifier_record]
             finger = [] if settings.finger is None else ["--finger", settings.finger]
             self._children[INSTRUMENTS] = Child(
@@ -230,8 +229,7 @@ class Supervisor:
 
     def _why_lost(self, instruments: Instruments, now_s: float) -> str | None:
         """Why the instruments have to be connected anew; None where they have not."""
-        failed = self._sensors_failed
-        if failed is not None and now_s - failed[0] > LOST_S:
+        if (failed := self._sensors_failed) and now_s - failed[0] > LOST_S:
             return f"sensors: {failed[1]}"
         unknown = instruments.rig.state is RigState.UNKNOWN
         self._unknown_since_s = (self._unknown_since_s or now_s) if unknown else None
