@@ -19,6 +19,7 @@ def few(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     return load_plan(str(path))
 
 
+@pytest.mark.soak
 def test_an_open_circuit_one_percent_off_is_no_discrepancy(few: Plan) -> None:
     """It was unexplained: current is read to 0.01 %, and the open circuit holds more than a touch has beside it."""
     (spec,) = specs(SEED, 1.0, counts={"W0": 1})

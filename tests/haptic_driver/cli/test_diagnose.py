@@ -98,6 +98,7 @@ def test_the_hidden_effect_is_found_or_listed(found) -> None:
 
 
 @pytest.mark.usefixtures("unillustrated")
+@pytest.mark.soak
 def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(tmp_path, capsys) -> None:
     plan = tmp_path / "few.toml"
     plan.write_text(

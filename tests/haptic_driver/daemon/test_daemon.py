@@ -32,7 +32,7 @@ from haptic_driver.surface.models import load_model
 from hw.transport.tcp import TcpTransport
 from tests.haptic_driver.daemon.refusal import refusal
 from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, until_ready
-from tests.waiting import HANG_S, until
+from tests.waiting import HANG_S, exists, until
 
 RIG = "simulated"
 
@@ -195,7 +195,7 @@ def test_another_fingers_model_is_used_from_then_on(daemon, settings, surface_fi
 
         keep_rendering(daemon, lease.token, learnt)
         daemon.disarm()
-    observer = daemon.pids["observer"]
+    observer = until(lambda: exists(daemon.pids["observer"]) and daemon.pids["observer"])  # begun in a thread
     assert not daemon.use_model("reference", 150.0, feedback=False).feedback
     assert daemon.pids["observer"] == observer  # the same finger on another carrier
     lease = daemon.arm(2.0)

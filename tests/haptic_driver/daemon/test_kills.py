@@ -17,6 +17,7 @@ SENT = (("render", SIGKILL), ("watchdog", SIGKILL), ("instruments", SIGKILL), ("
 
 
 @pytest.mark.timeout(1200)  # five starts; seconds each, minutes where kernels have to be compiled on a busy machine
+@pytest.mark.soak
 def test_output_goes_to_zero_after_each_process_is_killed_or_stopped(killable_daemon):
     daemon = killable_daemon()
     for name, sent in SENT:

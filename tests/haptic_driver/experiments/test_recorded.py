@@ -177,6 +177,7 @@ def humid(touch, tmp_path_factory):
     return record(path, made)
 
 
+@pytest.mark.soak
 def test_a_hidden_effect_is_found_from_a_recording(haptic, humid, tmp_path):
     rows = tmp_path / "rows.csv"
     done = haptic("diagnose", humid, "--rows", rows, "--out", tmp_path / "out", "--json")

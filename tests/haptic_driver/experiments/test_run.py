@@ -108,6 +108,7 @@ def test_friction_agrees_with_the_model_within_its_stated_error(
     assert 0.01 < np.median(c["cof_std"] / c["cof"]) < 0.03
 
 
+@pytest.mark.soak
 def test_sessions_differ_by_one_factor(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
     measured(prepare(config, model, grid(sessions=4)), tmp_path / "data.csv")
     data = read_measurements(tmp_path / "data.csv")
@@ -293,6 +294,7 @@ def test_a_file_is_never_overwritten_unasked(config: RigConfig, model: TouchMode
         DataFile.create(tmp_path, experiment.identity(), force=True)
 
 
+@pytest.mark.soak
 def test_a_hidden_effect_changes_the_data_and_leaves_no_trace_in_the_files(
     config: RigConfig, model: TouchModel, tmp_path: Path
 ) -> None:

@@ -226,6 +226,7 @@ def dask_cluster():
 
 @pytest.mark.filterwarnings("ignore")  # of Dask's own making: deprecations and sockets it closes late
 @pytest.mark.timeout(280)
+@pytest.mark.soak
 def test_a_cluster_of_two_workers_gives_the_same_numbers(few, tmp_path, dask_cluster):
     seen = []
     found = run_study(few, tmp_path / "cluster", cluster=dask_cluster, advance=seen.append)

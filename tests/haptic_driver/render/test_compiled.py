@@ -60,6 +60,7 @@ def kernel_folders(package: Path) -> set[str]:
     return {p.name for p in (package.parents[1] / "cache" / "kernels").iterdir()}
 
 
+@pytest.mark.soak
 def test_a_change_in_another_file_never_runs_stale_machine_code(package) -> None:
     """numba alone would answer 6 each time: the file of the kernel has not changed."""
     assert scaled(package, 3.0, 4.0) == scaled(package, 3.0, 4.0) == 6.0

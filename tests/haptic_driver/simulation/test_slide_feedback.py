@@ -87,7 +87,7 @@ def texture_of(kind, speed_m_s, gain):
     return Uniform(high) if kind == "uniform" else steps(speed_m_s, low, high)
 
 
-@pytest.mark.parametrize("gain", [0.6, 1.4])
+@pytest.mark.parametrize("gain", [0.6, pytest.param(1.4, marks=pytest.mark.soak)])
 @pytest.mark.parametrize(("kind", "speed_m_s", "force_n"), SLIDES)
 def test_another_finger_is_met_within_half_a_second_of_sliding(render, gain, kind, speed_m_s, force_n):
     """Its gain off by 40 % and drifting by 10 % per second, under force noise."""

@@ -58,6 +58,7 @@ def found(reference, rich):
     return calibrate(reference, rich[0])
 
 
+@pytest.mark.soak
 def test_intervals_hold_the_truth_as_often_as_they_say(reference, tmp_path):
     """20 fingers, 4 numbers each: fewer hits than these come by chance in 1 of 1000 such tests."""
     in_68, in_95 = hits(reference, tmp_path, 20)

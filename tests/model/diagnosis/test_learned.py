@@ -153,6 +153,7 @@ def test_a_discrepancy_is_learned_where_it_acts(made, hidden, electrode, place, 
     assert found.proof.gap_closed > 0.8
 
 
+@pytest.mark.soak
 def test_friction_alone_cannot_tell_the_drive_from_the_field_it_makes(made) -> None:
     found = made(AtDrive(), False).learned()
     assert {"drive", "air gap"} <= set(found.alike)
@@ -164,6 +165,7 @@ def test_where_nothing_is_hidden_nothing_is_learned(made) -> None:
     assert found is None or not found.is_proved
 
 
+@pytest.mark.soak
 def test_a_model_that_has_learned_once_learns_no_second_term(made) -> None:
     given = made(AtFriction(), False)
     found = given.learned()

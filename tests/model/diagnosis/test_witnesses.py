@@ -308,6 +308,7 @@ def test_two_effects_are_named_one_by_one(diagnosed) -> None:
 
 
 @pytest.mark.timeout(300)
+@pytest.mark.soak
 def test_sweeps_alone_can_be_diagnosed(diagnosed, tmp_path) -> None:
     path = tmp_path / "sweep.csv"
     measured(path, hidden(johnsen_rahbek={"insulator_conductivity_s_per_m": 1e-8}), 4)

@@ -62,6 +62,7 @@ def test_answers_in_the_shares_of_a_function_give_it_back(truth, levels, guess):
     assert found.deviance < 1.0  # the shares are the function's, but for rounding
 
 
+@pytest.mark.soak
 def test_intervals_hold_the_truth_about_as_often_as_they_say():
     """Of 40 at 95 %, fewer than 34 would come up once in 100."""
     truth, rng = Psychometric("weibull", 0.15, 3.0, 0.5, 0.02), np.random.default_rng(5)

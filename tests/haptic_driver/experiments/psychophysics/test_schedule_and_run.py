@@ -307,6 +307,7 @@ def test_what_a_rig_reaches_of_a_design(tmp_path):
     assert reached(alone, alone.condition("a"), (0.6, 0.8)).standard_is_reached
 
 
+@pytest.mark.soak
 def test_staircase_and_quest_plus_find_a_known_threshold_and_agree(tmp_path):
     """Twenty simulated participants of threshold 0.15, by both: medians within 10 % of it and of each other."""
     found = []
