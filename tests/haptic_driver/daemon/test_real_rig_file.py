@@ -92,13 +92,14 @@ def test_a_file_is_all_that_a_real_rig_needs(simulated, daemon):
     with HapticClient(place) as client:
         assert client.status().simulated is False
         until(
-            lambda: comes_on(client) and asked(endpoints["waveform_generator"], b"VOLT?")[0] > 0.4
-        )  # 20 V on the screen
+            lambda: comes_on(client) and asked(endpoints["waveform_generator"], b"VOLT?")[0] > 0.4,  # 20 V on the screen
+            lambda: (client.status(), client.events()[-10:]),
+        )
         assert asked(endpoints["waveform_generator"], b"OUTP?") == [1.0]
         client.disarm()
         assert client.status().output_on is False
         assert asked(endpoints["waveform_generator"], b"OUTP?") == [0.0]
-        until(lambda: comes_on(client))
+        until(lambda: comes_on(client), client.status)
         os.kill(instruments.pid, signal.SIGKILL)
         until(lambda: client.status().state is DaemonState.FAULT)
         assert client.status().output_on is None
