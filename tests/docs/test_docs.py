@@ -174,7 +174,9 @@ def asks_daemon(line: str) -> bool:
     return line.removeprefix("haptic ").startswith(ASKS_DAEMON)
 
 
-@pytest.mark.parametrize("page", sessions(), ids=name_of)
+@pytest.mark.parametrize(
+    "page", [pytest.param(p, marks=() if p.name == "README.md" else pytest.mark.soak) for p in sessions()], ids=name_of
+)
 def test_a_session_with_the_daemon_runs_as_shown(
     page: Path,
     daemon: dict[str, str],

@@ -170,6 +170,7 @@ def test_a_lost_client_takes_the_output_to_zero_and_the_lease_away(daemon, elect
     assert daemon.status().flags == []
 
 
+@pytest.mark.soak
 def test_another_fingers_model_is_used_from_then_on(daemon, settings, surface_file, tmp_path):
     """One for a skin held off the screen by half a micrometre; the finger, which is not, feels more than it expects."""
     reference = find_config("reference", "models").read_text()

@@ -111,6 +111,7 @@ def written(shared, samples):
         shared.ring.write(sample.item())
 
 
+@pytest.mark.soak
 def test_an_observer_that_dies_is_started_again_and_mends_where_it_is_asked(shared, expected, law, rng):
     events, installed = EventLog(), []
     observer = Observer(shared, events, lambda surface, too_late: installed.append(surface) or True)

@@ -92,7 +92,7 @@ def test_a_file_is_all_that_a_real_rig_needs(simulated, daemon):
     with HapticClient(place) as client:
         assert client.status().simulated is False
         until(
-            lambda: comes_on(client) and asked(endpoints["waveform_generator"], b"VOLT?")[0] > 0.4,  # 20 V on the screen
+            lambda: comes_on(client) and asked(endpoints["waveform_generator"], b"VOLT?")[0] > 0.4,  # 20 V
             lambda: (client.status(), client.events()[-10:]),
         )
         assert asked(endpoints["waveform_generator"], b"OUTP?") == [1.0]

@@ -65,6 +65,7 @@ def found(short: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Invest
 
 
 @pytest.mark.timeout(600)
+@pytest.mark.soak
 def test_what_settings_cannot_tell_apart_an_intervention_does(found: tuple[Investigation, Path]) -> None:
     """Once every round chose settings of which the same was expected again, and the budget was spent on them."""
     investigation, _ = found

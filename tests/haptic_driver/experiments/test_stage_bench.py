@@ -109,6 +109,7 @@ def test_each_row_is_a_stroke_under_its_load(
     assert [what.partition(",")[0] for what in dict.fromkeys(told)][-1] == "row 2: measuring"
 
 
+@pytest.mark.soak
 def test_an_oscilloscope_reads_the_electrode_of_a_real_rig(
     served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path
 ) -> None:
@@ -169,6 +170,7 @@ def test_another_session_waits_for_the_finger_to_lift(
     assert len(table(tmp_path / "data.csv")) == 1
 
 
+@pytest.mark.soak
 def test_a_stage_of_another_scale_makes_no_row(
     served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -99,6 +99,7 @@ def test_without_the_package_its_name_is_refused_with_what_is_installed(rig):
     assert "agilent_33220a, keysight_33500, siglent_sdg" in done.stderr
 
 
+@pytest.mark.soak
 def test_a_surface_a_point_and_a_demo(haptic, rig, tmp_path):
     surface = tmp_path / "surface.h5"
     haptic("surface", "build", "--rig", rig, "--out", surface)

@@ -113,7 +113,7 @@ def test_without_feedback_it_is_not_met(render, gain):
     assert set(record.feedback_gain) == {1.0}
 
 
-@pytest.mark.parametrize("rise_gain", [0.6, 1.4])
+@pytest.mark.parametrize("rise_gain", [0.6, pytest.param(1.4, marks=pytest.mark.soak)])
 def test_attraction_alone_may_be_off(render, rise_gain):
     """Friction without voltage is the surface's, what voltage adds is not: no one factor fits both levels."""
     record = render(texture_of("steps", 0.04, 1.0), lambda t: 1.0, rise_gain=rise_gain)
@@ -158,7 +158,7 @@ def test_a_saturated_sensor_teaches_nothing_and_is_shown(surface, limits, rig_co
     assert score(record).saturated_time_s == pytest.approx(record.slide.time_s.size * 1e-3)
 
 
-@pytest.mark.parametrize("above", [1.03, 1.08, 1.15])
+@pytest.mark.parametrize("above", [1.03, *(pytest.param(above, marks=pytest.mark.soak) for above in (1.08, 1.15))])
 def test_a_target_just_above_friction_without_voltage_is_not_given_up(render, above):
     """A finger with 17 % more friction; too careful a start would leave the voltage at zero and learn nothing."""
     record = render(Uniform(0.512 * 1.17 * above), lambda t: 1.17)

@@ -16,7 +16,8 @@ from tests.waiting import until
 
 SCREEN_MM = (100.0, 60.0)
 NOTHING = np.array([228.0, 232.0, 237.0])  # --nothing of the light theme
-SIZES = [(390, 844), (768, 1024), (1280, 800), (1920, 1080)]
+BETWEEN = [pytest.param(*size, marks=pytest.mark.soak) for size in ((768, 1024), (1280, 800))]
+SIZES = [(390, 844), *BETWEEN, (1920, 1080)]
 
 
 @pytest.fixture(scope="module")
@@ -294,6 +295,7 @@ def test_the_screen_is_moved_by_keys(page):
     expect(page.locator("#shown")).not_to_contain_text("zoom")
 
 
+@pytest.mark.soak
 def test_a_screen_is_at_least_as_large_as_where_a_finger_has_been(browser, served, control):
     """On a page of its own, which keeps what it has learned."""
     page = opened(browser, served)
