@@ -87,7 +87,8 @@ def test_a_file_is_all_that_a_real_rig_needs(simulated, daemon):
     process, place = daemon
     stage = Lts150(make_transport(endpoints["stage"]), StageSettings(0.0, 0.15, 0.02, 0.02, 0.05, 0.05))
     stage.connect()
-    stage.home()  # the finger presses once it moves
+    stage.home()  # the finger presses once it moves; closing would stop it before anybody has seen that
+    stage.wait(HANG_S)
     stage.close()
     with HapticClient(place) as client:
         assert client.status().simulated is False
