@@ -20,11 +20,11 @@ from model.support.compiled import in_slices, kernel
 
 TOLERANCE = 1e-10  # of the total pressure
 CLOSE = 1e-6  # of the attraction: what such a step of the secant method leaves is of the order of 1e-10
-MOST_STEPS = 1000  # about five are taken, beside a turn of V(p_e) more
 MOST_GROWTH = 1.15  # of the pressure per step, less than from row to row of the table: no turn hides between two
 # A step much longer than what attraction exceeds the pressure by may pass a shallow turn of V(p_e); none is shorter
 # than this share of the pressure, or a turn would never be passed.
 STEEPEST, FINEST = 20.0, 1e-5
+MOST_STEPS = round((LOG_P_AXIS[1] - LOG_P_AXIS[0]) / FINEST)  # pass the whole table; about five are taken
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 SUMMIT_STEPS = 30  # leave 1e-7 of the pressure, where the summit is flat to 1e-13
 

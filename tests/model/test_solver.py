@@ -2,7 +2,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from model.contact.gap_table import GapTable, axis, gap_mass, gap_nodes, integrals_of
@@ -203,6 +203,7 @@ class TestMadeUpContact:
         bends=st.tuples(st.floats(-6.0, -3.0), st.floats(0.3, 3.0)),
         fraction=st.floats(0.01, 1.5),
     )
+    @example(slopes=(0.0, 0.0, 1.0), bends=(-3.0, 1.0), fraction=0.99999)  # 1,000 steps once ended on the way
     @settings(max_examples=200)
     def test_the_lowest_equilibrium_is_found_wherever_the_gain_bends(self, slopes, bends, fraction: float) -> None:
         """log gain of three slopes in log p, round at the bends, against a scan of 200,000 pressures."""
