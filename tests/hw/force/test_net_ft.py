@@ -246,6 +246,7 @@ def test_a_box_that_kept_its_power_keeps_its_bias_and_another_has_lost_it() -> N
     force_n = [0.0]
     with FaultyNetFt(lambda: (0.0, 0.0, -force_n[0], 0.0, 0.0, 0.0)) as box:
         before, again = client_of(box.port), client_of(box.port)
+        box._f_t_sequence = 1 << 20  # it has had power for long
         before.open()
         before.take_bias()
         before.close()
