@@ -21,7 +21,7 @@ LEAST_S = 0.02  # that counts as standing still
 
 
 class Standstill:
-    """Between `start` and `close` it notes when each processor stood still."""
+    """Notes when each processor stood still, until `close`; nothing where no such precedence is granted."""
 
     def __init__(self) -> None:
         cpus = sorted(os.sched_getaffinity(0))
@@ -39,7 +39,7 @@ class Standstill:
             self._noted.append((from_s, to_s))
 
     def between_s(self, from_s: float, to_s: float) -> float:
-        """How long processors stood still between two times of the monotonic clock, all of them added."""
+        """How long processors stood still between two times of the monotonic clock, added up over all of them."""
         return sum(max(0.0, min(to_s, end_s) - max(from_s, begin_s)) for begin_s, end_s in self._noted)
 
     def close(self) -> None:

@@ -3,9 +3,10 @@
 `HAPTIC_SOAK_KILLS`: how many (400); each of the four processes is killed as often as stopped, but for the instruments:
 where they are stopped the daemon waits for half a minute until each line has had its time to answer, and there is no
 amplifier to tell when it was at zero. `HAPTIC_SOAK_LOAD`: busy processes beside (4). `HAPTIC_SOAK_RIG`: the name of a
-simulated rig (simulated), simulated-envelope for an analog envelope.
-`HAPTIC_SOAK_SEED`: of the order (1). How long each took to zero is printed as a histogram, and of each how long the
-machine itself stood still meanwhile (`standstill.py`), which is not counted against the daemon.
+simulated rig (simulated), simulated-envelope for an analog envelope. `HAPTIC_SOAK_SEED`: of the order (1).
+
+How long each took to zero is printed as a histogram. What is late is late; how long the machine itself stood still
+meanwhile (`standstill.py`) is printed beside each.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def test_every_kill_and_stop_leaves_zero_within_the_lease(killable_daemon, busy)
             took_s[name, sent].append(zero_s)
             kind = f"{number}: {sent.name} {name}: {zero_s:.3f} s, the machine stood still for {stood_s:.3f} s of it"
             print(kind, flush=True)
-            if zero_s - stood_s > LIMIT_S.get((name, sent), LEASE_S) and name != "instruments":
+            if zero_s > LIMIT_S.get((name, sent), LEASE_S) and name != "instruments":
                 late.append(kind)
             if sent == SIGSTOP and name == "control":
                 os.kill(pids[name], signal.SIGCONT)  # nobody else would; it goes on by itself

@@ -76,7 +76,7 @@ class KillableDaemon:
         time.sleep(WATCHED_S)
         while math.isinf(zero_s := self._zero_s()) and time.monotonic() < sent_s + longest_s:
             time.sleep(0.1)
-        self.forget_output()
+        os.truncate(self.record, 0)  # or reading it takes longer and longer
         return max(0.0, zero_s - sent_s)
 
     def _zero_s(self):
@@ -85,10 +85,6 @@ class KillableDaemon:
         for time_s, voltage_v in history(self.record):
             zero_s = math.inf if voltage_v > 0.0 else min(zero_s, time_s)
         return zero_s
-
-    def forget_output(self):
-        """Begin the amplifier's record anew; reading it takes longer and longer."""
-        os.truncate(self.record, 0)
 
     def close(self):
         with suppress(BrokenPipeError):
