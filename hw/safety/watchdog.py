@@ -44,6 +44,7 @@ HEARD, SWITCHING, DONE = b"h", b"s", b"d"
 CLOSED = "the pipe is closed"
 FEWEST_UNANSWERED = 3  # beats, before silence is its own and not that of a machine that let nobody run
 LAST_LOOK = 0.1  # of the period
+ASKED_AT_START = 4  # times: nothing is on yet, and a busy machine's late answer is no reason to go without
 _END_S = 10.0  # for the process to be scheduled and to end; it switches off meanwhile
 _log = logging.getLogger("hw.safety.watchdog")
 
@@ -276,6 +277,11 @@ def _instruments(settings: WatchdogSettings) -> list[_Instrument]:
     return found
 
 
+def _answers(instrument: _Instrument) -> bool:
+    """Whether it says anything about its output, asked up to ASKED_AT_START times."""
+    return any(instrument.ask() is not None for _ in range(ASKED_AT_START))
+
+
 def wait_for_silence(beats: queue.Queue[bytes], period_s: float, heard: Callable[[], None] = lambda: None) -> str:
     """Return, in words, why there are no more beats; `beats` gives BEAT, REST, or nothing at the end of the pipe.
 
@@ -324,7 +330,7 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     logging.basicConfig(format="%(asctime)s watchdog: %(message)s", level=logging.INFO)
     instruments = _instruments(settings)
-    silent = [instrument.resource for instrument in instruments if instrument.ask() is None]
+    silent = [instrument.resource for instrument in instruments if not _answers(instrument)]
     if silent:
         print(f"{', '.join(silent)} does not answer", flush=True)
         return Outcome.NOT_STARTED

@@ -391,6 +391,14 @@ def test_the_interlock_is_opened_as_well_and_is_evidence_alone(bench: Bench) -> 
     assert bench.on  # nothing could be done about the generator; the open contact takes its voltage away
 
 
+def test_a_generator_that_is_late_at_the_start_is_asked_again(bench: Bench) -> None:
+    """A daemon that took over from a killed one ended, since a busy machine let its generator answer after 0.4 s."""
+    bench.faults.inject(Fault.SILENCE, count=2)
+    watchdog = Watchdog(bench.settings(reply_timeout_s=0.1))
+    watchdog.start()
+    assert watchdog.close() is True
+
+
 def test_a_generator_that_is_not_there_is_refused_at_the_start() -> None:
     with pytest.raises(DeviceDisconnected, match="does not answer"):
         Watchdog(WatchdogSettings(f"TCPIP::127.0.0.1::{closed_port()}::SOCKET")).start()
