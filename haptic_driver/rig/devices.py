@@ -32,6 +32,7 @@ from haptic_driver.rig.states import RigEvent
 from hw.analog.lines import AnalogInput, DigitalInput, DigitalOutput, Heartbeat
 from hw.analog.ni_daq import NiAnalogInput, NiAnalogInputs, NiDigitalInput, NiDigitalOutput
 from hw.analog.output import AnalogOutput
+from hw.errors import DeviceTimeout
 from hw.finger.tracker import FingerTracker
 from hw.force.sensor import ForceSensor
 from hw.generator.settings import GeneratorSettings, ModulationInput, RangePolicy
@@ -43,6 +44,8 @@ from hw.transport.contract import Transport
 from hw.transport.marker import scpi_marker
 from hw.transport.resource import make_transport
 from hw.transport.serial import SerialTransport
+
+ATTEMPTS = 4  # at opening: nothing is on yet, and a busy machine may let nobody answer in time
 
 
 @dataclass(frozen=True)
@@ -65,10 +68,10 @@ class Devices:
     electrode_monitors: Sequence[ElectrodeMonitor] = ()
 
     def open(self) -> None:
-        """Open everything. Raises HapticError and DeviceError."""
+        """Open everything; whoever answers late is asked again. Raises HapticError and DeviceError."""
         try:
             for step in self.opening:
-                step()
+                _patiently(step)
         except BaseException:
             self.close()
             raise
@@ -88,6 +91,16 @@ class Devices:
     def __exit__(self, *reason: object) -> None:
         """Close."""
         self.close()
+
+
+def _patiently(step: Callable[[], object]) -> None:
+    for _ in range(ATTEMPTS - 1):
+        try:
+            step()
+            return
+        except DeviceTimeout:
+            continue
+    step()
 
 
 def connect_devices(

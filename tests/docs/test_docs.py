@@ -239,7 +239,10 @@ def test_requests_by_curl_run_as_shown(daemon: dict[str, str]) -> None:
 # --- notebooks, other languages and programs -------------------------------------------------------------------
 
 
-NOTEBOOKS = sorted((ROOT / "examples").glob("*.ipynb"))
+NOTEBOOKS = [
+    pytest.param(path, marks=pytest.mark.soak if path.stem == "diagnosis" else ())  # as LONG above
+    for path in sorted((ROOT / "examples").glob("*.ipynb"))
+]
 RECIPES = ROOT / "docs" / "recipes.md"
 
 

@@ -94,6 +94,21 @@ def test_what_fails_on_the_way_closes_what_was_opened(rig_config, served):
         pass
 
 
+def test_a_box_that_answers_late_at_the_start_is_asked_again(rig_config, served, monkeypatch):
+    handle, unheard = served.interlock.handle, [b"ID?\n"] * 2
+
+    def late(data):
+        if data in unheard:
+            unheard.remove(data)
+            return b""
+        return handle(data)
+
+    monkeypatch.setattr(served.interlock, "handle", late)
+    with connect_devices(as_real(rig_config, served.endpoints)) as devices:
+        assert devices.rig.state is RigState.OFF
+    assert unheard == []
+
+
 def test_a_close_that_fails_skips_no_other(rig_config, served):
     closed = []
 

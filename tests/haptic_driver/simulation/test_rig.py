@@ -34,7 +34,7 @@ def stages(surface, limits, rig_config):
     return make
 
 
-SILENT_S = 0.5  # is waited for an instrument that is going to be silent
+SILENT_S = 0.25  # is waited for an instrument that is going to be silent
 
 
 def press(duration_s=0.4, force_n=0.5, speed_m_s=0.04):
