@@ -8,7 +8,6 @@ and time, one at a time and with no precedence; control gets what came of it, or
 
 from __future__ import annotations
 
-import json
 import math
 import pickle
 import resource
@@ -24,6 +23,7 @@ from typing import Any
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.processes import parent
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.real_time import give_way
 from haptic_driver.processes.shared_memory import TARGET_BYTES
@@ -188,7 +188,7 @@ def main() -> int:
 
     with Connection(int(sys.argv[1])) as link:
         _bounded()
-        print(json.dumps({"ready": True}), flush=True)
+        parent.tell({"ready": True})
         while True:
             try:
                 time_s, *asked = link.recv()

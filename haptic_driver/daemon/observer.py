@@ -26,6 +26,7 @@ from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.messages import AgreementCell
 from haptic_driver.daemon.observation import Observation, Observed, ObserverSettings, Proposal, Word
 from haptic_driver.experiments.recorded import Recorded
+from haptic_driver.processes import parent
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import give_way
@@ -216,7 +217,7 @@ def main() -> None:
     from haptic_driver.daemon.adaptation import Adaptation  # noqa: PLC0415 - slow to import, and control does without
 
     shared = SharedState(int(sys.argv[1]))
-    settings: ObserverSettings = pickle.load(sys.stdin.buffer)
+    settings: ObserverSettings = parent.given()
     with compilation_said(NAME):
         following = Following(settings, Adaptation(load_model(settings.model), settings.limits))
     position, arming = shared.ring.position, shared.order.read().arming

@@ -10,17 +10,15 @@ in a tick ends it, which leaves zero and a fault behind; so does anything that w
 
 from __future__ import annotations
 
-import json
 import math
 import os
-import pickle
 import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from haptic_driver.processes import real_time
+from haptic_driver.processes import parent, real_time
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import Due
 from haptic_driver.processes.samples import Flag
@@ -296,8 +294,8 @@ def _finger_sample(sensed: Sensed) -> FingerSample:
 
 def main() -> None:
     """Run the process until its parent is gone."""
-    descriptor, parent = int(sys.argv[1]), int(sys.argv[2])
-    settings: RenderSettings = pickle.load(sys.stdin.buffer)
+    descriptor, started_by = int(sys.argv[1]), int(sys.argv[2])
+    settings: RenderSettings = parent.given()
     shared = SharedState(descriptor)
     renderer = Renderer(settings, shared)
     with compilation_said("render process"):
@@ -305,10 +303,10 @@ def main() -> None:
     refuse_to_compile()
     granted = real_time.enter()
     real_time.settle_memory()
-    print(json.dumps(granted._asdict()), flush=True)
+    parent.tell(granted._asdict())
     metronome = granted.metronome(settings.period_s, shared.output.read().tick)
     try:
-        while os.getppid() == parent:
+        while os.getppid() == started_by:
             renderer.step(metronome.wait(renderer.rehearse if renderer.rendering else None))
     finally:
         renderer.stop()

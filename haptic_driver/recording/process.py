@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.processes import parent
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.shared_memory import SharedState, Taken
 from haptic_driver.recording.event import Event
@@ -137,7 +138,7 @@ def main() -> int:
     faulthandler.enable()
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # too large a file is an error like a full disk
     shared, talk = SharedState(int(sys.argv[1])), _Talk(int(sys.argv[2]))
-    settings: RecorderSettings = pickle.load(sys.stdin.buffer)
+    settings: RecorderSettings = parent.given()
     position = settings.position
 
     def drain() -> Taken:
@@ -149,9 +150,9 @@ def main() -> int:
     try:
         writer = RunWriter(settings.path, settings.header)
     except HapticError as error:
-        print(json.dumps({"error": error.content}), flush=True)
+        parent.tell({"error": error.content})
         return 1
-    print(json.dumps({"recording": str(settings.path)}), flush=True)
+    parent.tell({"recording": str(settings.path)})
     try:
         record(writer, drain, talk.wait)
     except HapticError as error:

@@ -11,7 +11,6 @@ line `time_s frequency_hz voltage_v` for every change, on CLOCK_MONOTONIC.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import signal
 import socket
@@ -21,6 +20,7 @@ import time
 from contextlib import closing, suppress
 from pathlib import Path
 
+from haptic_driver.processes import parent
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import Metronome
 from haptic_driver.rig.config import RigConfig, load_rig
@@ -190,7 +190,7 @@ def main() -> None:
         friction, electrode = _finger(config, given.model, given.finger)
         friction(1e3, 50.0, 0.5, 0.02, 0.0)  # made ready before time passes
     with SlidingFinger(config, friction, record=given.record, electrode=electrode) as served:
-        print(json.dumps({"endpoints": served.endpoints}), flush=True)
+        parent.tell({"endpoints": served.endpoints})
         threading.Thread(target=_linger, args=(ended,), daemon=True).start()
         metronome = Metronome(STEP_S)
         while not ended.is_set():

@@ -1,0 +1,26 @@
+"""A child's words with the process that started it, see `child`; where that one is gone it ends, quietly."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+
+def given() -> Any:
+    """What it hands over on standard input, pickled."""
+    try:
+        return pickle.load(sys.stdin.buffer)
+    except (EOFError, pickle.UnpicklingError):  # it was killed before it had said everything
+        sys.exit(1)
+
+
+def tell(said: Mapping[str, Any]) -> None:
+    """One JSON line on standard output, such as that this process is ready."""
+    try:
+        print(json.dumps(said), flush=True)
+    except BrokenPipeError:
+        sys.stdout = None  # nobody is there for what is left in it
+        sys.exit(1)
