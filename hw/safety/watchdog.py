@@ -101,7 +101,7 @@ class Watchdog(Running):
     def __init__(self, settings: WatchdogSettings) -> None:
         self.settings = settings
         self._process: subprocess.Popen[bytes] | None = None
-        self._unanswered: list[float] = []  # when it was beaten since it was last heard
+        self._unanswered: list[float] = []  # when it was told something since it was last heard
         self._switching = False  # off, and not done with it
 
     @property
@@ -180,6 +180,7 @@ class Watchdog(Running):
             self._hear(self._process)  # that it has switched off is no news any more
             with suppress(OSError):
                 os.write(_pipe(self._process), REST)
+                self._unanswered.append(time.monotonic())  # stopped while it rests, the next beats tell
 
     def close(self) -> bool | None:
         """Let it switch off and end; return whether the output is off (None: unknown). Never raises.

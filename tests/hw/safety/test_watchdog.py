@@ -20,7 +20,7 @@ import hw.safety.watchdog
 from hw.errors import DeviceDisconnected, DeviceError, DeviceTimeout, SwitchedOff
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.safety.simulated_interlock import SimulatedInterlock
-from hw.safety.watchdog import BEAT, REST, Outcome, Watchdog, WatchdogSettings, wait_for_silence
+from hw.safety.watchdog import BEAT, FEWEST_UNANSWERED, REST, Outcome, Watchdog, WatchdogSettings, wait_for_silence
 from hw.serving.tcp import TcpServer
 from tests.clock import ManualClock
 from tests.hw.instruments import IMMEDIATE, closed_port
@@ -204,6 +204,23 @@ def test_one_that_is_stopped_is_noticed_and_ended(bench: Bench) -> None:
     for _ in range(10):
         watchdog.beat()
         time.sleep(0.02)
+    watchdog.close()
+
+
+def test_one_that_is_stopped_while_the_finger_is_lifted_is_noticed_by_the_next_beats(bench: Bench) -> None:
+    """A watchdog stopped as a finger was lifted let the next touch have voltage for its whole period."""
+    watchdog = Watchdog(bench.settings(period_s=1.0))
+    watchdog.start()
+    watchdog.beat()
+    until(lambda: watchdog._hear(watchdog._process) or not watchdog._unanswered)  # type: ignore[arg-type]
+    assert watchdog.pid is not None
+    os.kill(watchdog.pid, signal.SIGSTOP)
+    watchdog.rest()
+    time.sleep(1.1)
+    for _ in range(FEWEST_UNANSWERED - 1):
+        watchdog.beat()
+    with pytest.raises(DeviceTimeout, match="it does not answer"):
+        watchdog.beat()
     watchdog.close()
 
 
