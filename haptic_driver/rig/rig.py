@@ -87,7 +87,7 @@ class Rig:
         self._interval_s = config.output.setpoint_interval_s
         self._step_v = config.output.voltage_rise_v_per_s * self._interval_s
         self._written: _SetPoint | None = None
-        self._refreshed_s = self._beaten_s = self._tried_off_s = -math.inf
+        self._refreshed_s = self._beaten_s = self._rested_s = self._tried_off_s = -math.inf
 
     @property
     def state(self) -> RigState:
@@ -119,6 +119,7 @@ class Rig:
         self._states.now_s = time_s
         if not command.output_on or command.voltage_v < self._generator.minimum_voltage_v:
             self._stay_off(time_s)
+            self._rest(time_s)
             return
         if self.state is RigState.TRIPPED:
             self._stay_off(time_s)
@@ -246,6 +247,13 @@ class Rig:
         retry = not 0.0 <= time_s - self._tried_off_s < self._safety.off_retry_s
         if self._switch.may_be_on or (retry and not self._states.output.shown_off):
             self._off_for_certain(time_s)
+
+    def _rest(self, time_s: float) -> None:
+        """Have heartbeats hear from us between two touches: one that has stopped is known before there is voltage."""
+        if self._states.output.shown_off and not 0.0 <= time_s - self._rested_s < self._safety.beat_interval_s:
+            self._rested_s = time_s
+            for heartbeat in self._heartbeats:
+                tried(heartbeat.rest, None)
 
     def _off_for_certain(self, time_s: float) -> None:
         self._tried_off_s = time_s

@@ -36,4 +36,4 @@ class Heartbeat(Protocol):
         """Say that the output is still wanted; raises DeviceError once that can no longer be had."""
 
     def rest(self) -> None:
-        """Say that the output is known to be off, so that beats may stop."""
+        """Say that the output is known to be off, so that beats may stop; may be said again and again. Never raises."""

@@ -414,6 +414,22 @@ def test_hearts_are_beaten_while_refreshed_and_rest_when_off(rig_config):
     assert heart.rests == rests + 1
 
 
+def test_hearts_hear_from_a_rig_between_two_touches(rig_config):
+    """A watchdog that was stopped meanwhile let the next touch have voltage until its period was over."""
+    heart = Heart()
+    bench = Bench(rig_config, heartbeats=[heart])
+    interval_s = bench.rig._safety.beat_interval_s
+    bench.rig.command(0.0, on(60.0))
+    bench.rig.command(0.1, OFF)
+    beats, rests = heart.beats, heart.rests
+    for i in range(1, 11):
+        bench.rig.command(0.1 + i * 0.6 * interval_s, on(0.0))  # something is rendered, and no finger is there
+    assert heart.rests == rests + 5
+    assert heart.beats == beats
+    bench.rig.command(2.0, on(60.0))
+    assert heart.beats == beats + 1
+
+
 def test_a_dead_heart_switches_off(rig_config):
     heart = Heart()
     bench = Bench(rig_config, heartbeats=[heart])
