@@ -6,7 +6,6 @@ machine, simulated instruments must answer within the time-outs of real ones.
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
 from contextlib import suppress
@@ -37,10 +36,6 @@ def pytest_configure(config: pytest.Config) -> None:
     if not _has_workers(config):
         with suppress(OSError):
             AUTOGROUP.write_text("-10" if take_precedence() else "0")
-
-
-def pytest_collection_finish() -> None:
-    gc.freeze()  # thousands of collected tests stay: looking for garbage among them takes a while each time
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

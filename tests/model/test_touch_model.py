@@ -386,7 +386,7 @@ def test_a_cap_bends_the_force_without_steps(models, fresh_tables) -> None:
 
 
 @pytest.mark.parametrize("field_v_per_m", [1e5, 5e7, 3e8])
-@pytest.mark.parametrize("voltage_v", [40.0, 150.0])
+@pytest.mark.parametrize("voltage_v", [pytest.param(40.0, marks=pytest.mark.soak), 150.0])  # 2 s each
 def test_a_capped_force_is_that_of_a_fine_quadrature(
     models, fresh_tables, field_v_per_m: float, voltage_v: float
 ) -> None:

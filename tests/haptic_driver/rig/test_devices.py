@@ -19,6 +19,7 @@ from haptic_driver.rig.states import RigState
 from haptic_driver.signals import DriveCommand
 from haptic_driver.simulation.served import as_real
 from hw.errors import DeviceError, DeviceTimeout
+from hw.safety.interlock import HeartbeatInterlock
 from tests.haptic_driver.config_texts import as_real_rig, changed
 from tests.haptic_driver.stand_ins import living_rig
 from tests.waiting import until
@@ -104,6 +105,8 @@ def test_a_box_that_answers_late_at_the_start_is_asked_again(rig_config, served,
         return handle(data)
 
     monkeypatch.setattr(served.interlock, "handle", late)
+    with_patience = lambda transport, reply_timeout_s: HeartbeatInterlock(transport, reply_timeout_s=1.0)  # noqa: E731
+    monkeypatch.setattr(devices_module, "HeartbeatInterlock", with_patience)
     with connect_devices(as_real(rig_config, served.endpoints)) as devices:
         assert devices.rig.state is RigState.OFF
     assert unheard == []

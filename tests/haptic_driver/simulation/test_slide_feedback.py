@@ -79,7 +79,12 @@ def judged(record):
 
 # Targets that a finger of this gain can feel at all: without voltage it feels 0.512 times the gain.
 LEVELS = {0.6: (0.45, 0.60), 1.0: (0.60, 0.75), 1.4: (0.86, 1.05)}
-SLIDES = [("uniform", 0.02, 0.3), ("steps", 0.04, 0.5), ("uniform", 0.04, 1.0), ("steps", 0.10, 1.0)]
+SLIDES = [
+    ("uniform", 0.02, 0.3),
+    pytest.param("steps", 0.04, 0.5, marks=pytest.mark.soak),
+    pytest.param("uniform", 0.04, 1.0, marks=pytest.mark.soak),
+    ("steps", 0.10, 1.0),
+]
 
 
 def texture_of(kind, speed_m_s, gain):
@@ -104,7 +109,7 @@ def test_another_finger_is_met_within_half_a_second_of_sliding(render, gain, kin
     assert record.feedback_gain[-1] == pytest.approx(gain * (1.0 + 0.1 * STROKE_S), rel=0.02)
 
 
-@pytest.mark.parametrize("gain", [0.6, 1.4])
+@pytest.mark.parametrize("gain", [0.6, pytest.param(1.4, marks=pytest.mark.soak)])
 def test_without_feedback_it_is_not_met(render, gain):
     """Otherwise the test above could not fail."""
     record = render(texture_of("uniform", 0.04, gain), lambda t: gain, feedback=False)
