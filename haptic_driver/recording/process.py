@@ -93,7 +93,10 @@ class Recorder:
         """What it said at its end; then nothing of it is left."""
         said = b""
         with suppress(OSError):
-            said = self._talk.recv(MOST_BYTES)
+            try:
+                said = self._talk.recv(MOST_BYTES)
+            except ConnectionResetError:  # it left an event unread; what it said itself comes after that
+                said = self._talk.recv(MOST_BYTES)
         self._talk.close()
         self._child.stop()
         died = f"{self._child.ended}; what came before is in {self.path}"

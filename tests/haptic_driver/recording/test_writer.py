@@ -5,6 +5,7 @@ import os
 import resource
 import shutil
 import signal
+import socket
 import stat
 import subprocess
 import sys
@@ -272,6 +273,17 @@ def test_a_full_disk_ends_the_recording_and_keeps_what_there_was(tmp_path, share
     assert run.attributes["complete"] is False
     assert "File too large" in run.attributes["why_incomplete"]
     assert os.listdir(tmp_path) == ["run.h5"]
+
+
+def test_its_last_word_is_heard_though_it_leaves_an_event_unread(tmp_path, shared, header):
+    """A full disk was once told as "ended with status 1": the kernel first tells of the event that nobody has read."""
+    recorder = Recorder(tmp_path / "run.h5", header, shared)
+    recorder._talk.close()
+    recorder._talk, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    recorder.note(EVENTS[0])
+    theirs.send(b'{"why": "the disk is full"}')
+    theirs.close()
+    assert recorder.stop() == "the disk is full"
 
 
 def append_for_ever(writer, chunk):
