@@ -144,8 +144,9 @@ export class Controls {
 
   async fetchNames() {
     const [{ textures }, { models }] = await Promise.all([ask("GET", "/textures"), ask("GET", "/models")]);
+    const chosen = $("model").value; // by a person, perhaps: names are fetched again when the link comes back
     $("model").replaceChildren(...models.map((name) => new Option(name)));
-    if (this.status) $("model").value = this.status.model;
+    $("model").value = models.includes(chosen) ? chosen : this.status?.model;
     const before = this.texture;
     $("textures").replaceChildren(...textures.map((name) => thumbnail(name, before ? name === before : name === textures[0])));
     this.choose();

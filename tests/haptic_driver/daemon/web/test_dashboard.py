@@ -380,3 +380,16 @@ def test_it_shows_agreement_mends_at_a_click_and_says_why(page, control):
     page.click("#answer-use")
     until(lambda: ("use_model", "other") in control.calls)
     assert page.complaints == []
+
+
+def test_a_model_that_somebody_has_chosen_stays_chosen_when_the_link_comes_back(page, control):
+    """Names are fetched again then: the choice fell back, and Use took the model in use for the one that was meant."""
+    page.select_option("#model", "other")
+    page.evaluate("document.querySelector('#model').options[0].dataset.before = ''")
+    control._lock.acquire()
+    try:
+        text(page, "#link", "connection lost")
+    finally:
+        control._lock.release()
+    expect(page.locator("#model option[data-before]")).to_have_count(0)
+    expect(page.locator("#model")).to_have_value("other")
