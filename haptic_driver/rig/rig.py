@@ -249,7 +249,7 @@ class Rig:
             self._off_for_certain(time_s)
 
     def _rest(self, time_s: float) -> None:
-        """Have heartbeats hear from us between two touches: one that has stopped is known before there is voltage."""
+        """Have heartbeats hear from us between two touches, too: one that has stopped is known within its period."""
         if self._states.output.shown_off and not 0.0 <= time_s - self._rested_s < self._safety.beat_interval_s:
             self._rested_s = time_s
             for heartbeat in self._heartbeats:

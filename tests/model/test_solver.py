@@ -204,7 +204,7 @@ class TestMadeUpContact:
         fraction=st.floats(0.01, 1.5),
     )
     @example(slopes=(0.0, 0.0, 1.0), bends=(-3.0, 1.0), fraction=0.99999)  # 1,000 steps once ended on the way
-    @settings(max_examples=60)  # each costs a scan of 200,000
+    @settings(max_examples=200)
     def test_the_lowest_equilibrium_is_found_wherever_the_gain_bends(self, slopes, bends, fraction: float) -> None:
         """log gain of three slopes in log p, round at the bends, against a scan of 200,000 pressures."""
         p0, first, second = 1e-3, bends[0], bends[0] + bends[1]
