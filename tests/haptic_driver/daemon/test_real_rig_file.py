@@ -85,7 +85,8 @@ def comes_on(client):
 def test_a_file_is_all_that_a_real_rig_needs(simulated, daemon):
     instruments, endpoints = simulated
     process, place = daemon
-    stage = Lts150(make_transport(endpoints["stage"]), StageSettings(0.0, 0.15, 0.02, 0.02, 0.05, 0.05))
+    settings = StageSettings(0.0, 0.15, 0.02, 0.02, 0.05, 0.05, reply_timeout_s=HANG_S)  # simulated beside a daemon
+    stage = Lts150(make_transport(endpoints["stage"]), settings)
     stage.connect()
     stage.home()  # the finger presses once it moves; closing would stop it before anybody has seen that
     stage.wait(HANG_S)
