@@ -13,7 +13,7 @@ from haptic_driver.rig.config import AnalogInputsConfig, RigConfig, SafetySettin
 from haptic_driver.rig.devices import build_rig
 from haptic_driver.rig.evidence import OffEvidence, switch_off
 from haptic_driver.rig.part import Wiring
-from haptic_driver.rig.states import RigState
+from haptic_driver.rig.states import RigState, Withdrawals, Withdrawn
 from haptic_driver.signals import DriveCommand
 from hw.amplifier.analog import AmplifierState
 from hw.amplifier.simulated import SimulatedAmplifier
@@ -797,6 +797,22 @@ def test_an_enable_line_that_reads_low_after_enabling_is_an_error_and_off(bench,
         bench.rig.command(0.0, on(80.0))
     assert bench.rig.state is RigState.OFF
     assert bench.voltage_v == 0.0
+
+
+def test_a_permit_ends_with_every_withdrawal_and_a_new_one_holds_however_many_there_were():
+    withdrawals = Withdrawals()
+    for _ in range(1000):
+        permit = withdrawals.permit()
+        withdrawals.begin()
+        withdrawals.begin()
+        withdrawals.end()
+        assert withdrawals.under_way
+        for one in (permit, withdrawals.permit()):
+            with pytest.raises(Withdrawn):
+                one.check()
+        withdrawals.end()
+        assert not withdrawals.under_way
+        withdrawals.permit().check()
 
 
 class Withdrawing:

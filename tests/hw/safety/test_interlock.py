@@ -29,8 +29,9 @@ class Bench:
     def __init__(self, transport: Transport | None = None) -> None:
         self.clock = ManualClock()
         self.box = SimulatedInterlock(self.clock)
-        self.wire = FaultyInstrument(self.box)
-        self.interlock = HeartbeatInterlock(MemoryTransport(self.wire))
+        late = ManualClock()  # of the wire: only a fault makes an answer late
+        self.wire = FaultyInstrument(self.box, sleep=late.sleep)
+        self.interlock = HeartbeatInterlock(MemoryTransport(self.wire, clock=late))
         self.interlock.connect()
 
     def beat_for(self, duration_s: float, period_s: float = 0.05) -> None:

@@ -97,7 +97,7 @@ def build_link(kind: str, stack: ExitStack) -> Transport:
         case "usbtmc":
             backend = stack.enter_context(SimulatedUsbBackend(Instrument()))
             return UsbTmcTransport(0x0957, 0x0407, "SIM0001", backend=backend, **limit)
-    return MemoryTransport(Instrument(), **limit)
+    return MemoryTransport(Instrument(), clock=time.monotonic, **limit)
 
 
 @pytest.fixture(params=KINDS)
