@@ -29,7 +29,9 @@ SENSELESS = ("ReplaceBinaryOperator_BitOr", "RemoveDecorator")
 TESTS = {
     "haptic_driver/render/safety.py": ["tests/haptic_driver/render/test_safety.py"],
     "haptic_driver/limits.py": ["tests/haptic_driver/test_limits.py", "tests/haptic_driver/render/test_safety.py"],
-    "haptic_driver/render/controller.py": ["tests/haptic_driver/render/test_controller.py"],
+    "haptic_driver/render/controller.py": [
+        f"tests/haptic_driver/render/test_{name}.py" for name in ("controller", "envelope")
+    ],
     "haptic_driver/render/feedback.py": ["tests/haptic_driver/render/test_feedback.py"],
     "haptic_driver/rig/states.py": RIG,
     "haptic_driver/rig/rig.py": RIG,
@@ -43,7 +45,9 @@ TESTS = {
     "model/solver.py": ["tests/model/test_solver.py", "tests/model/test_limits.py"],
     "model/electric/current.py": ["tests/model/electric"],
     "model/friction.py": ["tests/model/test_friction.py"],
-    "model/diagnosis/verdict.py": ["tests/model/diagnosis/test_adequate.py", "tests/model/diagnosis/test_report.py"],
+    "model/diagnosis/verdict.py": [
+        f"tests/model/diagnosis/test_{name}.py" for name in ("adequate", "weighing", "report")
+    ],
 }  # fmt: skip
 
 

@@ -22,6 +22,7 @@ from haptic_driver.render.controller import (
     Controller,
     ControllerSettings,
     ControllerState,
+    as_felt,
     best_node,
     careful_cof,
     is_clearly_better,
@@ -393,12 +394,20 @@ def test_the_stage_is_compiled_once_for_all_rigs(surface):
     assert step.signatures == forms
 
 
+@pytest.mark.parametrize(("target", "in_reach"), [(0.65, False), (0.66, True), (0.82, True), (0.83, False)])
+def test_friction_is_told_as_this_finger_feels_it(target, in_reach):
+    """Without voltage 1.1 * 1.2 * 0.5; each step above it counts 0.8 * 0.5."""
+    found = Inverse(60.0, 0.7, 1e-4, 2e-4, 0.5, 0.9)
+    point = as_felt(200.0, found, Factors(1.2, 0.5), Gains(1.1, 0.8, 0.0, 0.0, 0.0), target)
+    assert point == pytest.approx((200.0, 60.0, 0.74, 1e-4, 2e-4, in_reach, 0.66, 0.82))
+
+
 # --- another surface -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("voltage_v", "told"), [(70.0, True), (1e-12, False), (0.0, False), (math.nan, False)])
 def test_another_surface_takes_one_gain_that_leaves_friction_as_it_was(surface, voltage_v, told):
-    """Also from next to no voltage, where two rises have no ratio."""
+    """Also from next to no voltage, where two rises have no ratio: there it is friction at half the highest voltage."""
     low = surface.cof[:, :, :1]
     other = surface._replace(cof=0.9 * low + 1.4 * (surface.cof - low))
     law = {"fixed_frequency_hz": 200.0, "feedback": FeedbackSettings(0.03)}
@@ -407,6 +416,6 @@ def test_another_surface_takes_one_gain_that_leaves_friction_as_it_was(surface, 
     gains = after.carried(before, ControllerState(200.0, known), 0.02, voltage_v).estimate.gains
     assert gains.off == gains.rise
     assert 0.5 < gains.off < 2.0
-    if told:
-        off, on = (cof_at(surface, 200.0, v, 0.5) for v in (0.0, voltage_v))
-        assert gains.off * cof_at(other, 200.0, voltage_v, 0.5) == pytest.approx(1.1 * off + 0.8 * (on - off))
+    at_v = voltage_v if told else 0.5 * surface.voltage_v[-1]
+    off, on = (cof_at(surface, 200.0, v, 0.5) for v in (0.0, at_v))
+    assert gains.off * cof_at(other, 200.0, at_v, 0.5) == pytest.approx(1.1 * off + 0.8 * (on - off))

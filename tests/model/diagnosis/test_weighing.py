@@ -1,0 +1,111 @@
+"""Probabilities and names from made-up evidences, beside the same sums written out in plain numbers."""
+
+from __future__ import annotations
+
+from math import exp, inf, log
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from model.diagnosis import verdict
+from model.diagnosis.naming import PRIOR_EFFECTS, PRIOR_NONE, PRIOR_UNKNOWN, SURE
+from model.diagnosis.verdict import MENDED, MIMICS, PARTICULAR, SEVERAL_CERTAIN, Weighed, of_its_form
+
+FAR = -1000.0  # evidence of what plays no part
+
+
+def made(name: str, alone: float, beside: float = FAR, rough: float = FAR, **more: object) -> SimpleNamespace:
+    """A candidate as far as the verdict looks at one."""
+    return SimpleNamespace(
+        name=name,
+        alone=SimpleNamespace(log_evidence=alone, rough=rough),
+        beside_discrepancy=SimpleNamespace(log_evidence=beside),
+        **more,
+    )
+
+
+def posterior(base: SimpleNamespace, *singles: SimpleNamespace, **more: object) -> dict[str, float]:
+    return Weighed(base, list(singles), [], **more).probabilities  # type: ignore[arg-type]
+
+
+def expected(**weights: float) -> object:
+    total = sum(weights.values())
+    return pytest.approx({name: weight / total for name, weight in weights.items()}, rel=1e-9)
+
+
+def test_what_an_effect_says_where_it_leaves_no_trace_counts_as_none() -> None:
+    found = posterior(made("none", -11.0), made("a", -10.0), made("b", -12.0), unseen={"a": -10.7})
+    each = PRIOR_EFFECTS / 2
+    assert found == expected(
+        a=each * (exp(-10.0) - exp(-10.7)),
+        b=each * exp(-12.0),
+        none=PRIOR_NONE * exp(-11.0) + each * exp(-10.7),
+        unknown=0.0,
+    )
+
+
+@pytest.mark.parametrize("another_form", [True, False])
+def test_a_discrepancy_beside_the_winner_is_its_own_only_where_it_mends_its_form(another_form: bool) -> None:
+    mended, each = 8.0, PRIOR_EFFECTS / 2
+    beside_base = -10.0 - MENDED * mended + (-0.1 if another_form else 0.1)
+    found = posterior(made("none", -90.0, beside_base), made("a", -10.0, -10.0 + mended), made("b", -12.0))
+    more = PRIOR_UNKNOWN * each * exp(-10.0 + mended)
+    assert found == expected(
+        a=each * exp(-10.0) + (more if another_form else 0.0),
+        b=each * exp(-12.0),
+        none=PRIOR_NONE * exp(-90.0),
+        unknown=PRIOR_UNKNOWN * exp(beside_base) + (0.0 if another_form else more),
+    )
+
+
+@pytest.mark.parametrize(("beyond", "is_own"), [(0.01, True), (-0.01, False)])
+def test_a_form_is_the_effects_own_from_sure_odds_against_a_look_alike_up(beyond: float, is_own: bool) -> None:
+    look_alike = -50.0 - PARTICULAR * 50.0  # 50 nats more than a discrepancy of any shape
+    alone = look_alike + log(MIMICS) + log(SURE / (1.0 - SURE)) + beyond
+    found = made("a", alone, rough=-50.0)
+    assert of_its_form(found, made("none", -200.0, -100.0)) is is_own  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("share", "names"), [(1.1, ["a"]), (0.9, [])])
+def test_an_effect_is_needed_beside_a_discrepancy_from_sure_odds_up(share: float, names: list[str]) -> None:
+    """`share` of the odds that are sure; b is too far off to matter, c cannot be tested but has its prior."""
+    each = PRIOR_EFFECTS / 3
+    beside = log(share * SURE / (1.0 - SURE) * PRIOR_UNKNOWN / each)
+    weighed = Weighed(made("none", -90.0, 0.0), [made("a", 0.0, beside), made("b", -1.0)], ["c"])  # type: ignore[list-item, arg-type]
+    assert verdict._needed_beside_discrepancy(weighed, []) == names
+
+
+def kind(name: str, off: float = 0.0, scale: str = "linear") -> SimpleNamespace:
+    return SimpleNamespace(name=name, parameters=lambda: [SimpleNamespace(off=off, scale=scale)])
+
+
+def both(*x: float) -> SimpleNamespace:
+    """Two effects, fitted: the base model's one parameter and then theirs, in standard deviations of their priors."""
+    return made("a+b", 0.0, kinds=(kind("a"), kind("b")), fit=SimpleNamespace(vector=np.array([9.0, *x])))
+
+
+def test_each_of_two_effects_has_its_half_and_shares_it_with_what_may_stand_there() -> None:
+    before = {"a": 0.3, "b": 0.2, "c": 0.2, "none": 0.2, "unknown": 0.1}
+    found = verdict._name_several(both(0.0, 0.0), [{"a": 0.6, "c": 0.2}, {"b": 0.4}], before)  # type: ignore[arg-type]
+    half, left = SEVERAL_CERTAIN / 2, 1.0 - SEVERAL_CERTAIN
+    shares = {"a": 0.75 * half, "c": 0.25 * half, "b": half, "none": left * 2 / 3, "unknown": left / 3}
+    assert found.probabilities == pytest.approx(shares, rel=1e-9)
+    assert (found.verdict, found.group) == ("ambiguous", {"a": ["c"], "b": []})
+
+
+@pytest.mark.parametrize(("x", "unusual"), [(2.5, False), (2.7, True), (-2.7, True)])
+def test_two_names_say_so_where_one_is_stronger_than_usual(x: float, unusual: bool) -> None:
+    found = verdict._name_several(both(0.0, x), [{"a": 1.0}, {"b": 1.0}], {"a": 0.5, "b": 0.4, "none": 0.1})  # type: ignore[arg-type]
+    assert found.verdict == "effect_found"
+    assert ("stronger than 99 %" in found.reasons[0]) is unusual
+
+
+@pytest.mark.parametrize(
+    ("off", "scale", "x", "unusual"),
+    [(inf, "log", 3.0, False), (inf, "log", -3.0, True), (0.0, "log", -3.0, False), (0.0, "log", 3.0, True)],
+)
+def test_a_weak_effect_is_not_unusual(off: float, scale: str, x: float, unusual: bool) -> None:
+    """Towards the end at which a parameter switches its effect off."""
+    found = made("a", 0.0, kinds=(kind("a", off, scale),), fit=SimpleNamespace(vector=np.array([x])))
+    assert bool(verdict._how_unusual(found)) is unusual  # type: ignore[arg-type]
