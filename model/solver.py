@@ -20,7 +20,8 @@ from model.support.compiled import in_slices, kernel
 
 TOLERANCE = 1e-10  # of the total pressure
 CLOSE = 1e-6  # of the attraction: what such a step of the secant method leaves is of the order of 1e-10
-MOST_GROWTH = 1.15  # of the pressure per step, less than from row to row of the table: no turn hides between two
+# Of the pressure per step, less than from row to row of the table: a turn that lies within one is below 1e-3 of V^2.
+MOST_GROWTH = 1.15
 # A step much longer than what attraction exceeds the pressure by may pass a shallow turn of V(p_e); none is shorter
 # than this share of the pressure, or a turn would never be passed.
 STEEPEST, FINEST = 20.0, 1e-5

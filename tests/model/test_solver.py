@@ -204,9 +204,15 @@ class TestMadeUpContact:
         fraction=st.floats(0.01, 1.5),
     )
     @example(slopes=(0.0, 0.0, 1.0), bends=(-3.0, 1.0), fraction=0.99999)  # 1,000 steps once ended on the way
+    @example(slopes=(3.109375, 0.0, 1.0), bends=(-6.0, 1.0), fraction=1.5)  # turns back by 4e-4, over 12 % of p
     @settings(max_examples=200)
     def test_the_lowest_equilibrium_is_found_wherever_the_gain_bends(self, slopes, bends, fraction: float) -> None:
-        """log gain of three slopes in log p, round at the bends, against a scan of 200,000 pressures."""
+        """log gain of three slopes in log p, round at the bends, against a scan of 200,000 pressures.
+
+        A turn within one step of the solver is shallower than 1e-3 of V^2, which is what a table is good for (1e-4 of
+        the gain, 5e-4 of V is the shallowest that a real contact has shown): the solver may pass it and find where the
+        contact comes to rest beyond, or call it pulled in.
+        """
         p0, first, second = 1e-3, bends[0], bends[0] + bends[1]
 
         def log_k(x: np.ndarray) -> np.ndarray:
@@ -224,12 +230,13 @@ class TestMadeUpContact:
         top = turns[0] if turns.size else p.size - 1
         square = fraction * needed[top]
         p_e, pulled_in = self.solve(log_k, np.array([square / (0.5 * EPS0)]), p0)
+        expected = pytest.approx(p[np.argmax(needed >= square)], rel=2.0 * np.log(p[1] / p[0]))  # one step of the scan
         if fraction < 1.0 - 1e-6:
-            # one step of the scan
-            expected = p[np.argmax(needed >= square)]
-            assert p_e[0] + p0 == pytest.approx(expected, rel=2.0 * np.log(p[1] / p[0]))
-        elif fraction > 1.0 + 1e-6:
-            assert np.isnan(p_e[0])
+            assert p_e[0] + p0 == expected
+        elif fraction > 1.0 + 1e-6 and not np.isnan(p_e[0]):
+            back = needed[top] - needed[top:][np.argmax(np.diff(needed[top:]) > 0.0)]
+            assert back < 1e-3 * needed[top]
+            assert p_e[0] + p0 == expected
         assert pulled_in[0] == (np.isnan(p_e[0]) and turns.size > 0)
 
     @staticmethod

@@ -165,7 +165,7 @@ def test_a_lost_client_takes_the_output_to_zero_and_the_lease_away(daemon, elect
     assert electrode_v() == 0.0
     assert refusal(daemon.renew, lease.token).code == "not_armed"
     assert "lease_lost" in daemon.status().flags
-    assert any(event.kind == "lease" for event in daemon.events(0))
+    until(lambda: any(event.kind == "lease" for event in daemon.events(0)))  # told after the state
     daemon.arm(LEASE_S)
     assert daemon.status().flags == []
 

@@ -9,6 +9,7 @@ import select
 import socket
 import stat
 import threading
+import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -257,9 +258,10 @@ def test_connections_to_the_port_are_limited(control, tmp_path, monkeypatch):
 
 
 def test_streams_count_and_outlast_the_timeout_of_headers(control, tmp_path, monkeypatch):
-    monkeypatch.setattr(connections, "HEADERS_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(connections, "HEADERS_TIMEOUT_S", 1.0)
     with serving(control, tmp_path), unix_connect(str(tmp_path / "d.sock"), "ws://haptic/state") as stream:
-        for _ in range(5):  # frames come every 50 ms
+        until_s = time.monotonic() + 1.5
+        while time.monotonic() < until_s:
             assert json.loads(stream.recv(HANG_S))["status"]["state"] == "idle"
 
 
