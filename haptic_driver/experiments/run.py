@@ -32,7 +32,8 @@ from model.touch_model import TouchModel
 READING_S = 0.005  # between force readings; longer where sensor or output take longer
 READINGS = 10  # of the electrode in a window
 LEAST_READINGS = 40  # in a window: fewer say nothing of their own scatter
-ATTEMPTS = 3  # at a row whose load was missed
+ATTEMPTS = 3  # at a row whose load was missed, or one of
+PASSING = ("output_lost", "stroke_ended")  # what a computer that was busy for a moment does better the next time
 SETTLING_STEP_S = 0.05  # while waiting nothing is read
 
 
@@ -131,24 +132,31 @@ def run(
                 session = row.session
                 bench.begin_session(session, _session_time_s(experiment, data, session))
             _wait_until_due(experiment.plan, bench, row.setting)
-            data.append(row, *_measure_under_its_load(experiment, bench, number, row, tell))
+            data.append(row, *_measure_at_last(experiment, bench, number, row, tell))
             progress(data.done)
     finally:
         evidence = bench.rig.off()
     return _require_off(evidence)
 
 
-def _measure_under_its_load(
+def _measure_at_last(
     experiment: Experiment, bench: Bench, number: int, row: Row, tell: Callable[[str], None]
 ) -> tuple[Measured, ElectrodeReading | None]:
-    """A row whose mean load was the row's, at one of a few attempts."""
+    """A row under its mean load and with its output on all the time, at one of a few attempts."""
     wanted_n, tolerance = row.setting.normal_force_n, experiment.plan.load_tolerance
-    for _ in range(ATTEMPTS):
-        measured, electrode = measure_row(experiment, bench, number, row)
+    for left in reversed(range(ATTEMPTS)):
+        try:
+            measured, electrode = measure_row(experiment, bench, number, row)
+        except HapticError as error:
+            if not left or error.code not in PASSING or bench.rig.state is not RigState.OFF:
+                raise
+            tell(f"row {number + 1}: {error.message}; once more")
+            continue
         if abs(measured.normal_force_n - wanted_n) <= tolerance * wanted_n:
             return measured, electrode
         missed = f"row {number + 1}: the load was {measured.normal_force_n:.3g} N, not {wanted_n:g} N"
-        tell(f"{missed}; once more")
+        if left:
+            tell(f"{missed}; once more")
     said = f"{missed}, {ATTEMPTS} times"
     raise HapticError("load_missed", said, "Hold the load, or raise the plan's load_tolerance; then --resume")
 

@@ -17,6 +17,7 @@ from haptic_driver.experiments.data_file import COLUMNS, DataFile, meta_path
 from haptic_driver.experiments.plan import Plan, Row, Setting, load_plan
 from haptic_driver.experiments.run import ATTEMPTS, READING_S, Experiment, prepare, run
 from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.states import RigState
 from haptic_driver.simulation.friction import FrictionLaw, friction_of, with_hidden
 from hw.force.sensor import ForceReading
 from model.diagnosis.data import read_measurements
@@ -426,6 +427,30 @@ def test_a_file_of_other_columns_is_not_continued(config: RigConfig, model: Touc
     (tmp_path / "data.csv").write_text(",".join(COLUMNS[:-2]) + "\n")
     with pytest.raises(BadInputError, match="has columns"):
         DataFile.resume(tmp_path / "data.csv", experiment.identity(), experiment.rows)
+
+
+class Dozing(SimulatedBench):
+    """The computer stands still once, for longer than the lease, while the output is on."""
+
+    dozed = False
+
+    def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
+        super().step(dt_s, normal_force_n, speed_m_s)
+        if self.rig.state is RigState.ON and not self.dozed:
+            self.dozed = True
+            self._time_s += 1.0
+
+
+def test_a_row_whose_output_went_off_once_is_measured_again(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    experiment = prepare(config, model, small_plan())
+    bench, told = Dozing(config, model, seed=1), list[str]()
+    with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
+        run(experiment, bench, data, tell=told.append)
+    assert len(table(tmp_path / "data.csv")) == len(experiment.rows)
+    [said] = told
+    assert all(words in said for words in ("row 2: the output went off", "not refreshed", "; once more"))
 
 
 class Jumping(SimulatedBench):
