@@ -33,9 +33,8 @@ lint: .venv/.test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Three at a time on two cores: a test of the daemon waits for other processes for half of its time.
 test: lint
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # Long tests and many repetitions: fault scripts by the ten thousand, and more; at most 40 minutes.
 soak: .venv/.test

@@ -45,6 +45,7 @@ CLOSED = "the pipe is closed"
 FEWEST_UNANSWERED = 3  # beats, before silence is its own and not that of a machine that let nobody run
 LAST_LOOK = 0.1  # of the period
 ASKED_AT_START = 4  # times: nothing is on yet, and a busy machine's late answer is no reason to go without
+PRIORITY = 1  # of SCHED_FIFO, where that is granted: before all that is not in real time
 _END_S = 10.0  # for the process to be scheduled and to end; it switches off meanwhile
 _log = logging.getLogger("hw.safety.watchdog")
 
@@ -335,6 +336,8 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
     if silent:
         print(f"{', '.join(silent)} does not answer", flush=True)
         return Outcome.NOT_STARTED
+    with suppress(OSError, AttributeError):  # it has little to do, and must not wait for a machine that has too much
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     print(READY, flush=True)
     beats: queue.Queue[bytes] = queue.Queue()
     threading.Thread(target=_listen, args=(beats,), daemon=True).start()

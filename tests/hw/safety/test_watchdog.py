@@ -100,6 +100,21 @@ def driver(bench: Bench, drivers: list[subprocess.Popen[str]], period_s: float) 
 # --- the driver dies -------------------------------------------------------------------------------------------------
 
 
+MAY_GO_FIRST = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))"
+
+
+def test_a_busy_machine_does_not_let_it_wait_where_that_is_granted(bench: Bench) -> None:
+    asked = subprocess.run([sys.executable, "-c", MAY_GO_FIRST], stderr=subprocess.DEVNULL, check=False)
+    dog = Watchdog(bench.settings())
+    dog.start()
+    try:
+        assert dog.pid is not None
+        granted = os.SCHED_FIFO if asked.returncode == 0 else os.SCHED_OTHER
+        assert {os.sched_getscheduler(int(task)) for task in os.listdir(f"/proc/{dog.pid}/task")} == {granted}
+    finally:
+        assert dog.close() is True
+
+
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGSEGV", "SIGTERM", "SIGINT"])
 def test_whatever_ends_the_driver_switches_off(bench: Bench, drivers: list[subprocess.Popen[str]], name: str) -> None:
     """To the whole process group where that is how it comes; the period is long, so only the pipe can have told."""
