@@ -40,7 +40,7 @@ test: lint
 soak: .venv/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m soak -rP --ignore tests/soak/test_kills.py
 
-# 400 kills and stops of the daemon's processes beside 4 busy loops, with the time to zero: some 40 minutes.
+# 400 kills and stops of the daemon's processes beside 4 busy loops, with the time to zero: some 30 minutes.
 kills: .venv/.test
 	$(BIN)/python -m pytest -m soak -s tests/soak/test_kills.py
 
