@@ -23,7 +23,8 @@ SCALES = np.exp(np.linspace(np.log(0.2), np.log(5.0), 41))  # of the noise, inte
 class Evidence:
     """log evidence, with the noise scale and any discrepancy amplitude integrated out, and where it lies.
 
-    `bend`: share of its signature that a model's form is off; `rough`: log evidence with a form far off.
+    `bend`: share of its signature that a model's form is off; `rough`: log evidence with a form far off, `exact` with
+    none that is off.
     """
 
     log_evidence: float
@@ -32,6 +33,7 @@ class Evidence:
     term: int = -1
     bend: float = 0.0
     rough: float = -np.inf
+    exact: float = np.inf
 
 
 def evidence(fit: Fit, noise: Noise, form: Array | None = None) -> Evidence:
@@ -46,7 +48,8 @@ def evidence(fit: Fit, noise: Noise, form: Array | None = None) -> Evidence:
     logs, rough = (np.array([_by_scale(target, _spread(fit, b, form), noise) for b in bends]) for bends in FORMS)
     bend, scale = np.unravel_index(np.argmax(logs), logs.shape)
     total, total_rough = (float(logsumexp(each)) - np.log(len(each)) for each in (logs, rough))
-    return Evidence(total, float(SCALES[scale]), 0.0, bend=FORM_ERRORS[bend], rough=total_rough)
+    exact = float(logsumexp(logs[0]))
+    return Evidence(total, float(SCALES[scale]), 0.0, bend=FORM_ERRORS[bend], rough=total_rough, exact=exact)
 
 
 def evidence_beside(fit: Fit, noise: Noise, discrepancy: list[Array], bent: Array) -> Evidence:

@@ -37,11 +37,12 @@ LIST_REMAINDER = 0.37  # and beside a list; pilot sets: strangers that effects h
 MIMICS = PRIOR_UNKNOWN / PRIOR_EFFECTS  # of an effect's prior: something unknown that looks like it, but for its form
 PARTICULAR = 0.25  # of a nat, what each nat beyond a discrepancy of any shape says against a look-alike; pilot sets
 MENDED = 3.0  # times what a discrepancy beside an effect adds, the effect's own form says beyond any; pilot sets
-ANOTHER_NATS = 3.0  # that one more effect must be worth, its prior counted
+ANOTHER_NATS = 6.0  # that one more effect must be worth, its prior counted; pilot sets: none of 52 says 5, pairs 10 up
 SEVERAL_CERTAIN = 0.98
 MOST_NAMED = 2  # effects at once: of sets of three there are a thousand
 MOST_ALIKE = 3  # effects that may stand in one place: where more could, several effects are no explanation
 LEADERS = 6
+FORM_IS_OFF = "; its form is not quite the catalogue's"
 USUAL = 2.58  # prior standard deviations that hold 99 %
 
 
@@ -139,6 +140,11 @@ def adequate(candidate: Candidate, lack_of_fit_p: float) -> bool:
     return not beside_wins(candidate) and lack_of_fit_p >= LACK_OF_FIT
 
 
+def of_exact_form(candidate: Candidate) -> bool:
+    """Whether the data do not refute the catalogue's own form, which a corrected model carries."""
+    return bool(candidate.alone.log_evidence - candidate.alone.exact <= np.log(DISCREPANCY_WINS))
+
+
 def beside_wins(candidate: Candidate) -> bool:
     """Whether the data ask for a discrepancy of unknown shape beside the model."""
     factor = candidate.beside_discrepancy.log_evidence - candidate.alone.log_evidence
@@ -193,7 +199,8 @@ def decide(
     if several is not None and of_its_form(several, base):
         places = [search.places(several, i) for i in range(len(several.kinds))]
         if max(len(place) for place in places) <= MOST_ALIKE:
-            return _name_several(several, places, probabilities)
+            fits = adequate(several, scan(several).lack_of_fit_p) and of_exact_form(several)
+            return _name_several(several, places, probabilities, fits)
     if one_fits and (settled := _of_no_effect(weighed, probabilities)):
         return settled
 
@@ -248,10 +255,11 @@ def _name_one(winner: Candidate, group: list[str], probabilities: dict[str, floa
     members = dict.fromkeys([winner.name, *group, *_credible(_shares(effects))])
     rivals = [name for name in members if name != winner.name]
     reason = "these data cannot tell the group's members apart" if certain else "no candidate is certain; ranked"
+    verdict, exact = "ambiguous", of_exact_form(winner)
     if not rivals and probabilities[winner.name] >= SURE:
-        reason = "probability and separation are high" + _how_unusual(winner)
-        return Verdict("effect_found", True, winner, probabilities, {winner.name: []}, (reason,))
-    return Verdict("ambiguous", True, winner, probabilities, {winner.name: rivals}, (reason,))
+        verdict, reason = "effect_found", "probability and separation are high" + _how_unusual(winner)
+    reason += "" if exact else FORM_IS_OFF
+    return Verdict(verdict, exact, winner, probabilities, {winner.name: rivals}, (reason,))
 
 
 def _shares(probabilities: dict[str, float]) -> dict[str, float]:
@@ -277,11 +285,11 @@ def _how_unusual(found: Candidate) -> str:
 def _several(
     search: Search, weighed: Weighed, one_fits: bool, scan: Callable[[Candidate], Disagreement]
 ) -> Candidate | None:
-    """The winner with what else is needed, where that fits; None where it does not, or where one is enough.
+    """The winner with what else is needed, where that fits or is of another form; None where one is enough.
 
     Beside a winner that fits alone, a second effect counts by what the data say in favour of its form, as one of two
-    rivals would; beside one that does not fit, it must do more than a discrepancy of unknown shape. Where both act at
-    one place by more: another form of the one may look like the two.
+    rivals would; beside one that does not fit, it must do more than a discrepancy of unknown shape, or be needed beside
+    that as well. Where both act at one place by more: another form of the one may look like the two.
     """
     chosen = weighed.winner
     while (more := search.best_with_one_more(chosen)) is not None:
@@ -292,10 +300,11 @@ def _several(
             gain = more.alone.log_evidence - chosen.alone.log_evidence
             return more if gain + ANOTHER > enough else None
         added = len(more.kinds) - len(chosen.kinds)
-        if more.alone.log_evidence + added * ANOTHER - chosen.beside_discrepancy.log_evidence <= enough:
+        best = max(more.alone.log_evidence, more.beside_discrepancy.log_evidence)
+        if best + added * ANOTHER - chosen.beside_discrepancy.log_evidence <= enough:
             return None
         chosen = more
-        if adequate(chosen, scan(chosen).lack_of_fit_p):
+        if adequate(chosen, scan(chosen).lack_of_fit_p) or of_another_form(chosen, weighed.base):
             return chosen
     return None
 
@@ -331,7 +340,9 @@ def _remainder(problem: Problem, winner: Candidate, base: Candidate) -> float:
     return float(np.sqrt(max(np.sum(left[data.of(w)] ** 2) for w in data.witnesses) / explained))
 
 
-def _name_several(found: Candidate, places: list[dict[str, float]], probabilities: dict[str, float]) -> Verdict:
+def _name_several(
+    found: Candidate, places: list[dict[str, float]], probabilities: dict[str, float], fits: bool
+) -> Verdict:
     """Each effect by its own name, with what may stand in its place."""
     names = [kind.name for kind in found.kinds]
     shares = dict.fromkeys(probabilities, 0.0)
@@ -350,4 +361,5 @@ def _name_several(found: Candidate, places: list[dict[str, float]], probabilitie
         reason = f"{count} effects are needed; these data cannot tell the members of a group apart"
     else:
         verdict, reason = "effect_found", f"{count} effects are needed{_how_unusual(found)}"
-    return Verdict(verdict, True, found, updated, group, (reason,))
+    reason += "" if fits else FORM_IS_OFF
+    return Verdict(verdict, fits, found, updated, group, (reason,))

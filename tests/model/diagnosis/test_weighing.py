@@ -10,7 +10,7 @@ import pytest
 
 from model.diagnosis import verdict
 from model.diagnosis.naming import PRIOR_EFFECTS, PRIOR_NONE, PRIOR_UNKNOWN, SURE
-from model.diagnosis.verdict import MENDED, MIMICS, PARTICULAR, SEVERAL_CERTAIN, Weighed, of_its_form
+from model.diagnosis.verdict import DISCREPANCY_WINS, MENDED, MIMICS, PARTICULAR, SEVERAL_CERTAIN, Weighed, of_its_form
 
 FAR = -1000.0  # evidence of what plays no part
 
@@ -76,8 +76,8 @@ def test_an_effect_is_needed_beside_a_discrepancy_from_sure_odds_up(share: float
     assert verdict._needed_beside_discrepancy(weighed, []) == names
 
 
-def kind(name: str, off: float = 0.0, scale: str = "linear") -> SimpleNamespace:
-    return SimpleNamespace(name=name, parameters=lambda: [SimpleNamespace(off=off, scale=scale)])
+def kind(name: str, off: float = 0.0, scale: str = "linear", stage: str = "") -> SimpleNamespace:
+    return SimpleNamespace(name=name, stage=stage, parameters=lambda: [SimpleNamespace(off=off, scale=scale)])
 
 
 def both(*x: float) -> SimpleNamespace:
@@ -87,7 +87,7 @@ def both(*x: float) -> SimpleNamespace:
 
 def test_each_of_two_effects_has_its_half_and_shares_it_with_what_may_stand_there() -> None:
     before = {"a": 0.3, "b": 0.2, "c": 0.2, "none": 0.2, "unknown": 0.1}
-    found = verdict._name_several(both(0.0, 0.0), [{"a": 0.6, "c": 0.2}, {"b": 0.4}], before)  # type: ignore[arg-type]
+    found = verdict._name_several(both(0.0, 0.0), [{"a": 0.6, "c": 0.2}, {"b": 0.4}], before, True)  # type: ignore[arg-type]
     half, left = SEVERAL_CERTAIN / 2, 1.0 - SEVERAL_CERTAIN
     shares = {"a": 0.75 * half, "c": 0.25 * half, "b": half, "none": left * 2 / 3, "unknown": left / 3}
     assert found.probabilities == pytest.approx(shares, rel=1e-9)
@@ -96,9 +96,33 @@ def test_each_of_two_effects_has_its_half_and_shares_it_with_what_may_stand_ther
 
 @pytest.mark.parametrize(("x", "unusual"), [(2.5, False), (2.7, True), (-2.7, True)])
 def test_two_names_say_so_where_one_is_stronger_than_usual(x: float, unusual: bool) -> None:
-    found = verdict._name_several(both(0.0, x), [{"a": 1.0}, {"b": 1.0}], {"a": 0.5, "b": 0.4, "none": 0.1})  # type: ignore[arg-type]
-    assert found.verdict == "effect_found"
+    before = {"a": 0.5, "b": 0.4, "none": 0.1}
+    found = verdict._name_several(both(0.0, x), [{"a": 1.0}, {"b": 1.0}], before, True)  # type: ignore[arg-type]
+    assert (found.verdict, found.adequate) == ("effect_found", True)
     assert ("stronger than 99 %" in found.reasons[0]) is unusual
+
+
+@pytest.mark.parametrize(("odds", "exact"), [(0.99, True), (1.01, False)])
+def test_a_name_is_not_adequate_where_the_data_refute_the_catalogues_own_form(odds: float, exact: bool) -> None:
+    """The model that is written has that form. `odds` in units of those from which they do."""
+    found = made("a", -10.0, fit=SimpleNamespace(vector=np.zeros(1)), kinds=(kind("a"),))
+    found.alone.exact = -10.0 - log(odds * DISCREPANCY_WINS)
+    named = verdict._name_one(found, [], {"a": 0.99, "none": 0.01})  # type: ignore[arg-type]
+    assert (named.verdict, named.adequate) == ("effect_found", exact)
+    assert ("not quite the catalogue's" in named.reasons[0]) is not exact
+
+
+@pytest.mark.parametrize(("own", "named"), [(1.01, True), (0.99, False)])
+def test_two_effects_are_named_where_a_discrepancy_beside_them_only_mends_their_form(own: float, named: bool) -> None:
+    """As one effect is; `own` in units of what they must say beyond any. Two clear effects were unexplained."""
+    one = made("a", -300.0, -200.0, kinds=(kind("a", stage="drive"),))
+    alone = -100.0
+    two = made("a+b", alone, alone + 10.0, kinds=(kind("a", stage="drive"), kind("b", stage="contact")))
+    base = made("none", -900.0, alone - own * MENDED * 10.0)
+    search = SimpleNamespace(best_with_one_more=lambda chosen: two if chosen is one else None, gain=lambda more: 90.0)
+    weighed = Weighed(base, [one], [])  # type: ignore[arg-type, list-item]
+    found = verdict._several(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
+    assert found is (two if named else None)
 
 
 @pytest.mark.parametrize(
