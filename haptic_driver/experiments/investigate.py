@@ -24,8 +24,8 @@ from haptic_driver.rig.config import RigConfig
 from haptic_driver.simulation.finger_function import FingerFunction
 from model.description import ModelDescription
 from model.diagnosis.data import read_measurements, together
-from model.diagnosis.design import Design, design
-from model.diagnosis.naming import SURE
+from model.diagnosis.design import Design, design, design_for_unseen
+from model.diagnosis.naming import SURE, words
 from model.diagnosis.report import write_report
 from model.diagnosis.verdict import ALIKE
 from model.diagnosis.workflow import Diagnosis, diagnose
@@ -34,7 +34,8 @@ from model.touch_model import TouchModel
 
 MOST_BLOCKS = 12  # of a later one
 ALIKE_HERE, SPENT = "cannot_be_told_apart", "budget_spent"
-OUTCOMES = {"effect_found": "named", "no_discrepancy": "nothing_missing", "unexplained": "unexplained"}
+NOTHING_SEEN, NOTHING_MISSING = "no_discrepancy", "nothing_missing"
+OUTCOMES = {"effect_found": "named", "unexplained": "unexplained"}
 
 
 @dataclass(frozen=True)
@@ -158,17 +159,21 @@ def _next(
     procedure = subject.plan.model_copy(update={"repeats": REPEATS, "sessions": 1})
     possible = choices(subject.config, model, procedure, doable)
     left_s = 60.0 * budget.minutes - found.measured_s
-    chosen = design(diagnosis, possible.pool, MOST_BLOCKS, left_s, _stubborn(found))
+    nothing_seen = diagnosis.name == NOTHING_SEEN
+    if nothing_seen:  # so far: there may be more to see than where it was looked
+        chosen = design_for_unseen(diagnosis, possible.pool, MOST_BLOCKS, left_s)
+    else:
+        chosen = design(diagnosis, possible.pool, MOST_BLOCKS, left_s, _stubborn(found))
     found.history.append(_told(diagnosis, chosen, possible.blocks))
     alike = [name for names in _group(diagnosis).values() for name in names]
     if alike and all(chosen.reach[name] < ALIKE for name in alike if name in chosen.reach):
         found.outcome = ALIKE_HERE
     elif not chosen.choices or found.rounds >= budget.rounds:
-        found.outcome = SPENT
+        found.outcome = NOTHING_MISSING if nothing_seen else SPENT
     if found.outcome:
         return []
     settings = [setting for choice in chosen.choices for setting in possible.blocks[choice.block]]
-    purpose = f"tells {' from '.join(chosen.choices[0].separates)}"
+    purpose = f"tells {' from '.join(words(name) for name in chosen.choices[0].separates)}"
     return [
         procedure.model_copy(
             update={

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import STEP
-from model.diagnosis.naming import Candidate, imitate
+from model.diagnosis.naming import Candidate, imitate, strongest_unseen, testable_effects
 from model.diagnosis.noise import shared_std
 from model.diagnosis.separation import Choice, Pair, by_block, choose, weights
 from model.diagnosis.space import Predictor
@@ -74,6 +74,45 @@ def design(
     return Design(tuple(choose(pairs, pool.cost_s, most, most_s, APART)), reach)
 
 
+def design_for_unseen(diagnosis: Diagnosis, pool: Pool, most: int, most_s: float) -> Design:
+    """The blocks that would show most of the effects which the data so far could not, where none shows.
+
+    Each effect of the catalogue is taken as strong as it may be without a trace; finger and gains may hide it.
+    """
+    findings = diagnosis.findings
+    if findings is None:
+        return Design((), {})
+    pairs = _unseen_pairs(findings, pool, _own_std(findings, diagnosis.data, pool.observations))
+    return Design(tuple(choose(pairs, pool.cost_s, most, most_s, APART)), {p.names[1]: p.reach() for p in pairs})
+
+
+def _unseen_pairs(findings: Findings, pool: Pool, own_std: Array) -> list[Pair]:
+    """The base model with each effect that is unseen so far, and what may hide that: its own parameters and gains."""
+    problem, data, base = findings.problem, pool.observations, findings.weighed.base
+    predictor = Predictor(problem.predictor.description, data, problem.predictor.free)
+    std = own_std * np.sqrt(base.fit.scale2 / pool.repeats)
+    here, spread = _mean_and_spread(predictor, base, base.fit.vector)
+    gains = _session_gains(data)
+    pairs = []
+    for kind in testable_effects(data, problem.predictor.description.effects):
+        vector = strongest_unseen(problem, base, kind)
+        if vector is None:
+            continue
+        difference = predictor.less(predictor.predicted((kind,), vector[None])[0], here)
+        sure = np.where(np.isfinite(difference) & np.all(np.isfinite(spread), axis=1), 1.0 / std, 0.0)
+        hides = np.nan_to_num(np.concatenate([gains, spread], axis=1))
+        blocks = by_block(sure * np.nan_to_num(difference), sure[:, None] * hides, pool.block, pool.cost_s.size)
+        pairs.append(Pair((base.name, kind.name), 1.0, blocks))
+    return pairs
+
+
+def _mean_and_spread(predictor: Predictor, candidate: Candidate, vector: Array) -> tuple[Array, Array]:
+    """What a model predicts at a vector [n], and columns [n, k] of what the data leave free in its parameters."""
+    values = predictor.predicted(candidate.kinds, np.vstack([vector, vector + STEP * np.eye(vector.size)]))
+    root = np.linalg.cholesky(candidate.fit.covariance + 1e-12 * np.eye(vector.size))
+    return values[0], (values[1:] - values[0]).T / STEP @ root
+
+
 def _of_interventions(pool: Pool) -> NDArray[np.bool_]:
     """Which blocks are measured once somebody has done something."""
     done = pool.observations.intervention
@@ -106,10 +145,9 @@ def _pairs(findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool:
     means, spreads = [], []
     for candidate, _ in leaders:
         vector = (candidate.fit if candidate is first else imitate(problem, first.fit, candidate)).vector
-        values = predictor.predicted(candidate.kinds, np.vstack([vector, vector + STEP * np.eye(vector.size)]))
-        root = np.linalg.cholesky(candidate.fit.covariance + 1e-12 * np.eye(vector.size))
-        means.append(values[0])
-        spreads.append((values[1:] - values[0]).T / STEP @ root)
+        mean, spread = _mean_and_spread(predictor, candidate, vector)
+        means.append(mean)
+        spreads.append(spread)
     usable = np.all(np.isfinite(np.column_stack([*means, *spreads])), axis=1)
     sure = np.where(usable, 1.0 / std, 0.0)
     gains = _session_gains(data)

@@ -103,18 +103,33 @@ def unseen(problem: Problem, base: Candidate, kind: type[Effect]) -> float:
 
     From draws of the prior, with the finger and the gains as the base model has them, and linear about that.
     """
+    _, signatures, visible = _drawn(problem, base, kind)
+    residual, hidden = base.fit.residual / np.sqrt(base.fit.scale2), visible < NO_TRACE
+    odds = np.exp(signatures[hidden] @ residual - 0.5 * visible[hidden])
+    return base.alone.log_evidence + float(np.log(max(odds.sum(), 1e-300) / DRAWS))
+
+
+def strongest_unseen(problem: Problem, base: Candidate, kind: type[Effect]) -> Array | None:
+    """The vector [k] of that draw of an effect's prior which is most visible and yet leaves no trace, if any is so."""
+    vectors, _, visible = _drawn(problem, base, kind)
+    hidden = np.where(visible < NO_TRACE, visible, -1.0)
+    return vectors[np.argmax(hidden)] if hidden.max() >= 0.0 else None
+
+
+def _drawn(problem: Problem, base: Candidate, kind: type[Effect]) -> tuple[Array, Array, Array]:
+    """Draws [DRAWS, k] of an effect's prior beside the base model, what each adds [DRAWS, n], and how visible it is.
+
+    In standard deviations of the noise; what the finger and the gains would take up does not count as visible.
+    """
     fit, count = base.fit, len(kind.parameters())
     draws = norm.ppf(qmc.Sobol(count, seed=0).random(DRAWS))
     vectors = np.concatenate([np.broadcast_to(fit.vector, (DRAWS, fit.vector.size)), draws], axis=1)
     scale = np.sqrt(fit.scale2)
-    residual, own = fit.residual / scale, fit.jacobian / scale
-    signatures = residual - problem.whitened((kind,), vectors) / scale
+    own = fit.jacobian / scale
+    signatures = (fit.residual - problem.whitened((kind,), vectors)) / scale
     along = signatures @ own
     taken_up = np.sum(along * np.linalg.solve(own.T @ own + np.eye(own.shape[1]), along.T).T, axis=1)
-    visible = np.sum(signatures**2, axis=1) - taken_up
-    hidden = visible < NO_TRACE
-    odds = np.exp(signatures[hidden] @ residual - 0.5 * visible[hidden])
-    return base.alone.log_evidence + float(np.log(max(odds.sum(), 1e-300) / DRAWS))
+    return vectors, signatures, np.maximum(np.sum(signatures**2, axis=1) - taken_up, 0.0)
 
 
 def imitate(problem: Problem, true: Fit, rival: Candidate) -> Fit:

@@ -27,7 +27,7 @@ from haptic_driver.experiments.plan import Plan, load_plan
 from haptic_driver.rig.config import load_rig
 from haptic_driver.simulation.finger_function import FingerFunction
 from haptic_driver.surface.models import load_model
-from model.diagnosis.design import Design, design
+from model.diagnosis.design import Design, design, design_for_unseen
 from model.diagnosis.separation import Choice
 from tests.reports import without_pictures
 
@@ -84,17 +84,17 @@ def random_choice(seed: int) -> Iterator[None]:
     """As many blocks in every round as would have been chosen, but drawn from all."""
     chance = np.random.default_rng(seed)
 
-    def drawn(diagnosis: Any, pool: Any, most: int, most_s: float, stubborn: Any = ()) -> Design:
-        chosen = design(diagnosis, pool, most, most_s, stubborn)
+    def drawn(choose: Callable[..., Design], diagnosis: Any, pool: Any, *given: Any) -> Design:
+        chosen = choose(diagnosis, pool, *given)
         blocks = chance.permutation(pool.cost_s.size)[: len(chosen.choices)]
         pairs = [choice.separates for choice in chosen.choices]
         return Design(tuple(Choice(int(b), p, 0.0) for b, p in zip(blocks, pairs, strict=True)), chosen.reach)
 
-    product.design = drawn  # type: ignore[assignment]
+    product.design, product.design_for_unseen = partial(drawn, design), partial(drawn, design_for_unseen)  # type: ignore[assignment]
     try:
         yield
     finally:
-        product.design = design
+        product.design, product.design_for_unseen = design, design_for_unseen
 
 
 def asked(hidden: list[str], function: Callable[..., Any], plan: Plan, seed: int) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,19 @@ def test_what_settings_cannot_tell_apart_an_intervention_does(found: tuple[Inves
     assert set(investigation.history[0]["suspects"][:2]) == alike
     done = {setting.intervention for setting in investigation.settings}
     assert done & {"wipe", "dry_air"}
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.soak
+def test_a_plan_that_sees_nothing_is_not_the_end(tmp_path: Path) -> None:
+    """At one speed nothing shows that friction depends on speed; it was called nothing missing."""
+    settings = product((20.0, 100.0, 250.0), (0.0, 75.0, 110.0), (0.25, 1.0), (0.02,))
+    plan = Plan(name="one speed", settings=tuple(Setting(*each) for each in settings), repeats=2)
+    with without_pictures():
+        subject = Subject(hiding({"velocity_dependent_friction": {"exponent": 0.1}}), load_model("reference"), plan)
+        found = investigate(subject, tmp_path, Budget(rounds=2))
+    assert found.history[0]["verdict"] == "no_discrepancy"
+    assert [effect["name"] for effect in found.diagnosis["effects"]] == ["velocity_dependent_friction"]
 
 
 def test_every_round_lies_in_its_folder(found: tuple[Investigation, Path]) -> None:

@@ -11,8 +11,11 @@ import pytest
 from model.conditions import Conditions
 from model.description import read_model
 from model.diagnosis.data import Measurements, read_measurements
+from model.diagnosis.design import Pool, design_for_unseen
 from model.diagnosis.separation import Pair, Told
 from model.diagnosis.space import Predictor
+from model.diagnosis.verdict import APART
+from model.diagnosis.workflow import diagnose
 from model.effects import BY_NAME, CATALOGUE
 from model.effects.interventions import INTERVENTIONS
 from model.parameters import Parameter
@@ -62,6 +65,28 @@ def test_an_unknown_intervention_is_refused(tmp_path: Path) -> None:
 
 def test_what_interventions_remove_is_in_the_catalogue() -> None:
     assert {name for known in INTERVENTIONS for name in known.removes} <= {kind.name for kind in CATALOGUE}
+
+
+def test_where_nothing_shows_it_is_looked_where_something_may_be_unseen(tmp_path: Path) -> None:
+    """Friction at low frequencies cannot show a slow amplifier; at 100 kHz it can, and without voltage nothing can."""
+    c = Conditions(
+        np.tile([50.0, 100.0], 8), np.repeat([0.0, 60.0, 75.0, 110.0], 4), np.tile([0.25, 0.25, 1.0, 1.0], 4)
+    )
+    cof = TouchModel(FINGER).predict(c).cof * np.exp(0.01 * np.random.default_rng(3).normal(size=16))
+    rows = zip(c.frequency_hz, c.voltage_v, c.normal_force_n, cof, 0.01 * cof, strict=True)
+    text = [",".join(map(str, row)) for row in rows]
+    seen = diagnose(FINGER, read(tmp_path / "a.csv", "frequency_hz,voltage_v,normal_force_n,cof,cof_std", *text))
+    assert seen.name == "no_discrepancy"
+    columns = {
+        "frequency_hz": np.array([100.0, 100.0, 100.0, 1e5]),
+        "voltage_v": np.array([0.0, 0.0, 0.0, 110.0]),
+        "normal_force_n": np.full(4, 0.5),
+    }
+    to_come = Measurements(columns, np.zeros(4, np.intp), ("next",), None, "")
+    pool = Pool(to_come, np.array([0, 0, 1, 1]), np.ones(2), 3)
+    chosen = design_for_unseen(seen, pool, 1, 1.0)
+    assert [choice.block for choice in chosen.choices] == [1]
+    assert chosen.reach["amplifier_bandwidth"] > APART
 
 
 def test_rows_that_contradict_kramers_and_kronig_are_left_out(tmp_path: Path) -> None:
