@@ -4,6 +4,7 @@ import math
 import threading
 import time
 from contextlib import suppress
+from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import pytest
@@ -865,6 +866,19 @@ def test_a_set_point_after_somebody_has_switched_off_is_not_sent(bench, monkeypa
     assert withdrawing.steps == []
     assert bench.rig.state is RigState.OFF
     assert bench.voltage_v == 0.0
+
+
+def test_off_waits_for_whoever_is_switching_on_as_long_as_four_answers_may_take(bench, rig_config):
+    """No longer: a thread that hangs while it switches on keeps nobody from knowing that the output is unknown."""
+    waited_s = []
+
+    def taken(blocking=True, timeout=0.0):
+        waited_s.append(timeout if blocking else 0.0)
+        return False
+
+    bench.rig._switch._lock = SimpleNamespace(acquire=taken)
+    assert bench.rig.off().output_on is None
+    assert waited_s == [0.0, 4.0 * rig_config.waveform_generator.reply_timeout_s]
 
 
 def test_the_lock_is_free_after_a_command_and_after_a_stop(bench):
