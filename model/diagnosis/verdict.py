@@ -20,6 +20,7 @@ from model.diagnosis.naming import (
     Candidate,
     could_stand_for,
     separation,
+    words,
 )
 from model.diagnosis.rival import discrepancy_mean
 from model.diagnosis.several import ANOTHER, Search
@@ -210,7 +211,7 @@ def decide(
         c.name for c in weighed.singles if c.name not in (winner.name, *group) and could_stand_for(c, winner, base)
     ]
     if one_fits:
-        return _name_one(winner, group, probabilities)
+        return _name_one(winner, group, probabilities, _perhaps(search, winner))
 
     needed = _needed_beside_discrepancy(weighed, group)
     is_other_form = of_another_form(winner, base)
@@ -249,7 +250,16 @@ def _of_no_effect(weighed: Weighed, probabilities: dict[str, float]) -> Verdict 
     return None
 
 
-def _name_one(winner: Candidate, group: list[str], probabilities: dict[str, float]) -> Verdict:
+def _perhaps(search: Search, winner: Candidate) -> list[str]:
+    """What the data favour beside the winner, though not enough for a name."""
+    more = search.best_with_one_more(winner)
+    if more is None or search.gain(more) <= 0.0:
+        return []
+    return [kind.name for kind in more.kinds if kind not in winner.kinds]
+
+
+def _name_one(winner: Candidate, group: list[str], probabilities: dict[str, float], perhaps: list[str]) -> Verdict:
+    """The winner, or a list that it leads; `perhaps` stands beside it."""
     effects = _effects(probabilities)
     certain = sum(effects.values()) >= SURE
     members = dict.fromkeys([winner.name, *group, *_credible(_shares(effects))])
@@ -259,7 +269,8 @@ def _name_one(winner: Candidate, group: list[str], probabilities: dict[str, floa
     if not rivals and probabilities[winner.name] >= SURE:
         verdict, reason = "effect_found", "probability and separation are high" + _how_unusual(winner)
     reason += "" if exact else FORM_IS_OFF
-    return Verdict(verdict, exact, winner, probabilities, {winner.name: rivals}, (reason,))
+    reason += f"; perhaps {' and '.join(words(name) for name in perhaps)} as well" if perhaps else ""
+    return Verdict(verdict, exact and not perhaps, winner, probabilities, {winner.name: rivals}, (reason,))
 
 
 def _shares(probabilities: dict[str, float]) -> dict[str, float]:

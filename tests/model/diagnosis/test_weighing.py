@@ -107,9 +107,22 @@ def test_a_name_is_not_adequate_where_the_data_refute_the_catalogues_own_form(od
     """The model that is written has that form. `odds` in units of those from which they do."""
     found = made("a", -10.0, fit=SimpleNamespace(vector=np.zeros(1)), kinds=(kind("a"),))
     found.alone.exact = -10.0 - log(odds * DISCREPANCY_WINS)
-    named = verdict._name_one(found, [], {"a": 0.99, "none": 0.01})  # type: ignore[arg-type]
+    named = verdict._name_one(found, [], {"a": 0.99, "none": 0.01}, [])  # type: ignore[arg-type]
     assert (named.verdict, named.adequate) == ("effect_found", exact)
     assert ("not quite the catalogue's" in named.reasons[0]) is not exact
+
+
+@pytest.mark.parametrize(("gain", "perhaps"), [(0.1, ["b"]), (-0.1, [])])
+def test_what_is_favoured_beside_a_name_but_not_enough_for_one_is_told(gain: float, perhaps: list[str]) -> None:
+    """One of two effects was named and called adequate, with the odds of 100 for the other that is no name yet."""
+    one = made("a", -10.0, kinds=(kind("a"),), fit=SimpleNamespace(vector=np.zeros(1)))
+    one.alone.exact = -10.0
+    two = made("a+b", 0.0, kinds=(*one.kinds, kind("b")))
+    search = SimpleNamespace(best_with_one_more=lambda chosen: two, gain=lambda more: gain)
+    assert verdict._perhaps(search, one) == perhaps  # type: ignore[arg-type]
+    named = verdict._name_one(one, [], {"a": 0.99, "none": 0.01}, perhaps)  # type: ignore[arg-type]
+    assert (named.verdict, named.adequate) == ("effect_found", not perhaps)
+    assert ("perhaps b as well" in named.reasons[0]) is bool(perhaps)
 
 
 @pytest.mark.parametrize(("own", "named"), [(1.01, True), (0.99, False)])
