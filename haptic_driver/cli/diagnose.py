@@ -160,7 +160,7 @@ def _write_next_plan(steps: Sequence[Mapping[str, Any]], path: Path) -> Path | N
 
 def _show(found: dict[str, Any], out: Path, again: str | None) -> None:
     still = "" if found["adequate"] else " (the model is not adequate yet)"
-    stdout.print(Text.assemble("verdict: ", (found["verdict"], "bold"), still))
+    stdout.print(Text.assemble("verdict: ", (found["verdict"], "bold"), still, f": {'; '.join(found['reasons'])}"))
     for said in found["learned"]["words"] if found["learned"] else ():
         stdout.print(f"  {said}")
     for effect in found["effects"]:
