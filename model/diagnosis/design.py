@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import STEP
-from model.diagnosis.naming import Candidate, imitate, strongest_unseen, testable_effects
+from model.diagnosis.naming import Candidate, imitate, testable_effects, unseen_draws
 from model.diagnosis.noise import shared_std
 from model.diagnosis.separation import Choice, Pair, by_block, choose, weights
 from model.diagnosis.space import Predictor
@@ -26,6 +26,7 @@ from model.effects.interventions import NOTHING
 from model.support.arrays import Array
 
 MODELS = 6  # that take part
+FAINT = 4  # draws of an effect that is unseen so far, from the faintest to the plainest
 USUAL_STD = 0.03  # of a witness that has said nothing so far, where nothing is usual of it
 
 
@@ -75,9 +76,10 @@ def design(
 
 
 def design_for_unseen(diagnosis: Diagnosis, pool: Pool, most: int, most_s: float) -> Design:
-    """The blocks that would show most of the effects which the data so far could not, where none shows.
+    """The blocks that would show most of what the data so far could not, where nothing shows.
 
-    Each effect of the catalogue is taken as strong as it may be without a trace; finger and gains may hide it.
+    Of each effect of the catalogue some draws of its prior are taken that leave no trace so far and that the whole pool
+    would show, the faintest of them included; finger and gains may hide them.
     """
     findings = diagnosis.findings
     if findings is None:
@@ -87,22 +89,27 @@ def design_for_unseen(diagnosis: Diagnosis, pool: Pool, most: int, most_s: float
 
 
 def _unseen_pairs(findings: Findings, pool: Pool, own_std: Array) -> list[Pair]:
-    """The base model with each effect that is unseen so far, and what may hide that: its own parameters and gains."""
+    """The base model with each effect that may be there unseen; the base model's parameters and gains may hide that."""
     problem, data, base = findings.problem, pool.observations, findings.weighed.base
     predictor = Predictor(problem.predictor.description, data, problem.predictor.free)
-    std = own_std * np.sqrt(base.fit.scale2 / pool.repeats)
     here, spread = _mean_and_spread(predictor, base, base.fit.vector)
-    gains = _session_gains(data)
+    std = own_std * np.sqrt(base.fit.scale2 / pool.repeats)
+    sure = np.where(np.isfinite(here) & np.all(np.isfinite(spread), axis=1), 1.0 / std, 0.0)
+    hides = sure[:, None] * np.nan_to_num(np.concatenate([_session_gains(data), spread], axis=1))
+    free = np.linalg.inv(np.eye(hides.shape[1]) + hides.T @ hides)
     pairs = []
     for kind in testable_effects(data, problem.predictor.description.effects):
-        vector = strongest_unseen(problem, base, kind)
-        if vector is None:
+        vectors = unseen_draws(problem, base, kind)
+        if not vectors.size:
             continue
-        difference = predictor.less(predictor.predicted((kind,), vector[None])[0], here)
-        sure = np.where(np.isfinite(difference) & np.all(np.isfinite(spread), axis=1), 1.0 / std, 0.0)
-        hides = np.nan_to_num(np.concatenate([gains, spread], axis=1))
-        blocks = by_block(sure * np.nan_to_num(difference), sure[:, None] * hides, pool.block, pool.cost_s.size)
-        pairs.append(Pair((base.name, kind.name), 1.0, blocks))
+        adds = sure * np.nan_to_num(predictor.less(predictor.predicted((kind,), vectors), here))
+        along = adds @ hides
+        reach = np.sum(adds**2, axis=1) - np.sum(along @ free * along, axis=1)
+        shown = np.flatnonzero(reach >= APART)
+        shown = shown[np.argsort(reach[shown])]
+        for draw in np.unique(shown[np.linspace(0, shown.size - 1, FAINT).astype(int)]) if shown.size else ():
+            blocks = by_block(adds[draw], hides, pool.block, pool.cost_s.size)
+            pairs.append(Pair((base.name, kind.name), 1.0, blocks))
     return pairs
 
 

@@ -109,11 +109,10 @@ def unseen(problem: Problem, base: Candidate, kind: type[Effect]) -> float:
     return base.alone.log_evidence + float(np.log(max(odds.sum(), 1e-300) / DRAWS))
 
 
-def strongest_unseen(problem: Problem, base: Candidate, kind: type[Effect]) -> Array | None:
-    """The vector [k] of that draw of an effect's prior which is most visible and yet leaves no trace, if any is so."""
+def unseen_draws(problem: Problem, base: Candidate, kind: type[Effect]) -> Array:
+    """Vectors [m, k] of those draws of an effect's prior that leave no trace in these data."""
     vectors, _, visible = _drawn(problem, base, kind)
-    hidden = np.where(visible < NO_TRACE, visible, -1.0)
-    return vectors[np.argmax(hidden)] if hidden.max() >= 0.0 else None
+    return vectors[visible < NO_TRACE]
 
 
 def _drawn(problem: Problem, base: Candidate, kind: type[Effect]) -> tuple[Array, Array, Array]:
