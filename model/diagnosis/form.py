@@ -2,7 +2,8 @@
 
 An effect's signature is what it adds to the prediction. Beside it stands a smooth share of that signature of unknown
 shape, for every witness its own: a Gaussian process over each input that varies, times the signature's size. Where the
-signature grows faster than the effect's strength, the size is what that share of the strength would change. It cannot
+signature grows faster than the effect's strength, the size is what that share of the strength would change, up to twice
+as much. It cannot
 add anything where the effect does nothing, which tells it from a discrepancy of unknown shape.
 """
 
@@ -19,6 +20,7 @@ from model.effects.base import EffectParameter
 from model.support.arrays import Array
 
 STEP = 1e-3  # of an effect's strength
+MOST_BY_STRENGTH = 2.0  # times the signature, as of a square: what sets in suddenly could else look like much
 COMPLEX = ((CURRENT, CURRENT_PHASE), (VOLTAGE, VOLTAGE_PHASE))  # of one number: what is off in either shows in both
 
 
@@ -29,16 +31,15 @@ def form_terms(problem: Problem, fit: Fit) -> Array:
 
 
 def _sizes(problem: Problem, fit: Fit) -> list[Array]:
-    """Size [n] of each effect's signature, or of what its strength changes where that is more."""
+    """Size [n] of each effect's signature, or of what its strength changes where that is more, up to twice as much."""
     data, predictor = problem.predictor.data, problem.predictor
     whole = predictor.predicted(fit.kinds, fit.vector[None])[0]
-    return [
-        np.maximum(
-            _size(data, predictor.less(whole, _without(problem, fit, i))),
-            _size(data, predictor.less(_stronger(problem, fit, i), whole) / STEP),
-        )
-        for i in range(len(fit.kinds))
-    ]
+    sizes = []
+    for i in range(len(fit.kinds)):
+        signature = _size(data, predictor.less(whole, _without(problem, fit, i)))
+        by_strength = _size(data, predictor.less(_stronger(problem, fit, i), whole) / STEP)
+        sizes.append(np.clip(by_strength, signature, MOST_BY_STRENGTH * signature))
+    return sizes
 
 
 def _first(problem: Problem, fit: Fit, i: int) -> int:
