@@ -38,7 +38,8 @@ LIST_REMAINDER = 0.37  # and beside a list; pilot sets: strangers that effects h
 MIMICS = PRIOR_UNKNOWN / PRIOR_EFFECTS  # of an effect's prior: something unknown that looks like it, but for its form
 PARTICULAR = 0.25  # of a nat, what each nat beyond a discrepancy of any shape says against a look-alike; pilot sets
 MENDED = 3.0  # times what a discrepancy beside an effect adds, the effect's own form says beyond any; pilot sets
-ANOTHER_NATS = 6.0  # that one more effect must be worth, its prior counted; pilot sets: none of 52 says 5, pairs 10 up
+ANOTHER_NATS = 3.0  # that one more effect must be worth, its prior counted; SURE has as many,
+BESIDE_A_FIT_NATS = 6.0  # and that beside one that fits alone; pilot sets: none of 52 says 5, pairs 10 up
 SEVERAL_CERTAIN = 0.98
 MOST_NAMED = 2  # effects at once: of sets of three there are a thousand
 MOST_ALIKE = 3  # effects that may stand in one place: where more could, several effects are no explanation
@@ -306,7 +307,8 @@ def _several(
     while (more := search.best_with_one_more(chosen)) is not None:
         if search.gain(more) <= ANOTHER_NATS:
             return None
-        enough = KIN_NATS if len({kind.stage for kind in more.kinds}) < len(more.kinds) else ANOTHER_NATS
+        least = BESIDE_A_FIT_NATS if one_fits else ANOTHER_NATS
+        enough = KIN_NATS if len({kind.stage for kind in more.kinds}) < len(more.kinds) else least
         if one_fits:
             gain = more.alone.log_evidence - chosen.alone.log_evidence
             return more if gain + ANOTHER > enough else None
