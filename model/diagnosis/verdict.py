@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -198,10 +199,11 @@ def decide(
     one_fits = adequate(winner, scan(winner).lack_of_fit_p)
     search = Search(problem, weighed.singles, progress)
     several = _several(search, weighed, one_fits, scan)
-    if several is not None and of_its_form(several, base):
-        places = [search.places(several, i) for i in range(len(several.kinds))]
+    if several is not None and of_its_form(several.found, base):
+        found = several.found
+        places = [search.places(found, i) for i in range(len(found.kinds))]
         if max(len(place) for place in places) <= MOST_ALIKE:
-            fits = adequate(several, scan(several).lack_of_fit_p) and of_exact_form(several)
+            fits = adequate(found, scan(found).lack_of_fit_p) and of_exact_form(found)
             return _name_several(several, places, probabilities, fits)
     if one_fits and (settled := _of_no_effect(weighed, probabilities)):
         return settled
@@ -294,31 +296,42 @@ def _how_unusual(found: Candidate) -> str:
     return ", though stronger than 99 % of what is expected" if unusual else ""
 
 
+class _Several(NamedTuple):
+    """Several effects that explain the data, and whether it is certain that each of them is needed."""
+
+    found: Candidate
+    certain: bool = True
+
+
 def _several(
     search: Search, weighed: Weighed, one_fits: bool, scan: Callable[[Candidate], Disagreement]
-) -> Candidate | None:
+) -> _Several | None:
     """The winner with what else is needed, where that fits or is of another form; None where one is enough.
 
     Beside a winner that fits alone, a second effect counts by what the data say in favour of its form, as one of two
     rivals would; beside one that does not fit, it must do more than a discrepancy of unknown shape, or be needed beside
-    that as well. Where both act at one place by more: another form of the one may look like the two.
+    that as well. Where both act at one place by more: another form of the one may look like the two. Effects that fit
+    and do about as much as that discrepancy are not certain.
     """
     chosen = weighed.winner
     while (more := search.best_with_one_more(chosen)) is not None:
-        if search.gain(more) <= ANOTHER_NATS:
+        gain = search.gain(more)
+        if gain <= ANOTHER_NATS:
             return None
         least = BESIDE_A_FIT_NATS if one_fits else ANOTHER_NATS
         enough = KIN_NATS if len({kind.stage for kind in more.kinds}) < len(more.kinds) else least
         if one_fits:
-            gain = more.alone.log_evidence - chosen.alone.log_evidence
-            return more if gain + ANOTHER > enough else None
-        added = len(more.kinds) - len(chosen.kinds)
+            over = more.alone.log_evidence - chosen.alone.log_evidence
+            return _Several(more) if over + ANOTHER > enough else None
+        fits = adequate(more, scan(more).lack_of_fit_p)
         best = max(more.alone.log_evidence, more.beside_discrepancy.log_evidence)
-        if best + added * ANOTHER - chosen.beside_discrepancy.log_evidence <= enough:
-            return None
+        unknown = np.log(PRIOR_UNKNOWN) + chosen.beside_discrepancy.log_evidence
+        odds = best + (len(more.kinds) - len(chosen.kinds)) * ANOTHER - unknown
+        if odds <= enough:
+            return _Several(more, certain=False) if fits and gain > KIN_NATS and odds > -ANOTHER_NATS else None
         chosen = more
-        if adequate(chosen, scan(chosen).lack_of_fit_p) or of_another_form(chosen, weighed.base):
-            return chosen
+        if fits or of_another_form(chosen, weighed.base):
+            return _Several(chosen)
     return None
 
 
@@ -354,9 +367,10 @@ def _remainder(problem: Problem, winner: Candidate, base: Candidate) -> float:
 
 
 def _name_several(
-    found: Candidate, places: list[dict[str, float]], probabilities: dict[str, float], fits: bool
+    several: _Several, places: list[dict[str, float]], probabilities: dict[str, float], fits: bool
 ) -> Verdict:
     """Each effect by its own name, with what may stand in its place."""
+    found = several.found
     names = [kind.name for kind in found.kinds]
     shares = dict.fromkeys(probabilities, 0.0)
     for place in places:
@@ -368,7 +382,9 @@ def _name_several(
     group = {name: [other for other in place if other != name] for name, place in zip(names, places, strict=True)}
     count = {2: "two", 3: "three"}[len(names)]
     verdict = "ambiguous"
-    if len(names) > MOST_NAMED:
+    if not several.certain:
+        reason = f"{count} effects fit, but one of them does hardly more than something unknown would in its place"
+    elif len(names) > MOST_NAMED:
         reason = f"{count} effects fit, but so many imitate much that is in no catalogue"
     elif any(group.values()):
         reason = f"{count} effects are needed; these data cannot tell the members of a group apart"

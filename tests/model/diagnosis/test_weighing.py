@@ -9,8 +9,18 @@ import numpy as np
 import pytest
 
 from model.diagnosis import verdict
-from model.diagnosis.naming import PRIOR_EFFECTS, PRIOR_NONE, PRIOR_UNKNOWN, SURE
-from model.diagnosis.verdict import DISCREPANCY_WINS, MENDED, MIMICS, PARTICULAR, SEVERAL_CERTAIN, Weighed, of_its_form
+from model.diagnosis.naming import KIN_NATS, PRIOR_EFFECTS, PRIOR_NONE, PRIOR_UNKNOWN, SURE
+from model.diagnosis.several import ANOTHER
+from model.diagnosis.verdict import (
+    ANOTHER_NATS,
+    DISCREPANCY_WINS,
+    MENDED,
+    MIMICS,
+    PARTICULAR,
+    SEVERAL_CERTAIN,
+    Weighed,
+    of_its_form,
+)
 
 FAR = -1000.0  # evidence of what plays no part
 
@@ -80,14 +90,15 @@ def kind(name: str, off: float = 0.0, scale: str = "linear", stage: str = "") ->
     return SimpleNamespace(name=name, stage=stage, parameters=lambda: [SimpleNamespace(off=off, scale=scale)])
 
 
-def both(*x: float) -> SimpleNamespace:
+def certain(*x: float) -> SimpleNamespace:
     """Two effects, fitted: the base model's one parameter and then theirs, in standard deviations of their priors."""
-    return made("a+b", 0.0, kinds=(kind("a"), kind("b")), fit=SimpleNamespace(vector=np.array([9.0, *x])))
+    fit = SimpleNamespace(vector=np.array([9.0, *x]))
+    return SimpleNamespace(found=made("a+b", 0.0, kinds=(kind("a"), kind("b")), fit=fit), certain=True)
 
 
 def test_each_of_two_effects_has_its_half_and_shares_it_with_what_may_stand_there() -> None:
     before = {"a": 0.3, "b": 0.2, "c": 0.2, "none": 0.2, "unknown": 0.1}
-    found = verdict._name_several(both(0.0, 0.0), [{"a": 0.6, "c": 0.2}, {"b": 0.4}], before, True)  # type: ignore[arg-type]
+    found = verdict._name_several(certain(0.0, 0.0), [{"a": 0.6, "c": 0.2}, {"b": 0.4}], before, True)  # type: ignore[arg-type]
     half, left = SEVERAL_CERTAIN / 2, 1.0 - SEVERAL_CERTAIN
     shares = {"a": 0.75 * half, "c": 0.25 * half, "b": half, "none": left * 2 / 3, "unknown": left / 3}
     assert found.probabilities == pytest.approx(shares, rel=1e-9)
@@ -97,7 +108,7 @@ def test_each_of_two_effects_has_its_half_and_shares_it_with_what_may_stand_ther
 @pytest.mark.parametrize(("x", "unusual"), [(2.5, False), (2.7, True), (-2.7, True)])
 def test_two_names_say_so_where_one_is_stronger_than_usual(x: float, unusual: bool) -> None:
     before = {"a": 0.5, "b": 0.4, "none": 0.1}
-    found = verdict._name_several(both(0.0, x), [{"a": 1.0}, {"b": 1.0}], before, True)  # type: ignore[arg-type]
+    found = verdict._name_several(certain(0.0, x), [{"a": 1.0}, {"b": 1.0}], before, True)  # type: ignore[arg-type]
     assert (found.verdict, found.adequate) == ("effect_found", True)
     assert ("stronger than 99 %" in found.reasons[0]) is unusual
 
@@ -135,7 +146,23 @@ def test_two_effects_are_named_where_a_discrepancy_beside_them_only_mends_their_
     search = SimpleNamespace(best_with_one_more=lambda chosen: two if chosen is one else None, gain=lambda more: 90.0)
     weighed = Weighed(base, [one], [])  # type: ignore[arg-type, list-item]
     found = verdict._several(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
-    assert found is (two if named else None)
+    assert found == ((two, True) if named else None)
+
+
+@pytest.mark.parametrize(
+    ("odds", "certain"),
+    [(ANOTHER_NATS + 0.1, True), (ANOTHER_NATS - 0.1, False), (0.1 - ANOTHER_NATS, False), (-0.1 - ANOTHER_NATS, None)],
+)
+def test_two_effects_that_fit_are_certain_where_the_second_does_more_than_something_unknown(
+    odds: float, certain: bool | None
+) -> None:
+    """A roll-off with trapped charge was unexplained: something unknown in place of the charge explained as much."""
+    one = made("a", -300.0, -100.0, kinds=(kind("a", stage="drive"),))
+    two = made("a+b", -100.0 + log(PRIOR_UNKNOWN) - ANOTHER + odds, kinds=(*one.kinds, kind("b", stage="contact")))
+    search = SimpleNamespace(best_with_one_more=lambda chosen: two, gain=lambda more: KIN_NATS + 0.1)
+    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
+    found = verdict._several(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
+    assert found == (None if certain is None else (two, certain))
 
 
 @pytest.mark.parametrize(
