@@ -13,6 +13,7 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.form import form_terms
 from model.diagnosis.rival import Evidence, evidence, evidence_beside
+from model.diagnosis.space import FARTHEST
 from model.effects import CATALOGUE, Effect
 from model.support.arrays import Array
 
@@ -118,13 +119,14 @@ def unseen_draws(problem: Problem, base: Candidate, kind: type[Effect]) -> Array
 def _drawn(problem: Problem, base: Candidate, kind: type[Effect]) -> tuple[Array, Array, Array]:
     """Draws [DRAWS, k] of an effect's prior beside the base model, what each adds [DRAWS, n], and how visible it is.
 
-    In standard deviations of the noise; what the finger and the gains would take up does not count as visible.
+    In standard deviations of the noise; what the finger and the gains would take up does not count as visible, as far
+    as they are not at their ends already.
     """
     fit, count = base.fit, len(kind.parameters())
     draws = norm.ppf(qmc.Sobol(count, seed=0).random(DRAWS))
     vectors = np.concatenate([np.broadcast_to(fit.vector, (DRAWS, fit.vector.size)), draws], axis=1)
     scale = np.sqrt(fit.scale2)
-    own = fit.jacobian / scale
+    own = fit.jacobian[:, np.abs(fit.vector) < FARTHEST] / scale
     signatures = (fit.residual - problem.whitened((kind,), vectors)) / scale
     along = signatures @ own
     taken_up = np.sum(along * np.linalg.solve(own.T @ own + np.eye(own.shape[1]), along.T).T, axis=1)

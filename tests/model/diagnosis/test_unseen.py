@@ -9,16 +9,24 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from model.diagnosis.naming import NO_TRACE, PRIOR_EFFECTS, PRIOR_NONE, UNKNOWN, unseen
+from model.diagnosis.space import FARTHEST
 from model.diagnosis.verdict import Weighed
 from model.effects import BY_NAME
 
 EFFECT = BY_NAME["drive_gain_error"]  # of one parameter
 
 
-def evidence_of_the_unseen(signature: np.ndarray, residual: np.ndarray, nuisance: np.ndarray) -> float:
-    """`signature` [n] per prior standard deviation of an effect that is linear in its parameter; base evidence 0."""
-    problem: Any = SimpleNamespace(whitened=lambda _, vectors: residual - vectors @ np.stack([nuisance, signature]))
-    fit = SimpleNamespace(vector=np.zeros(1), residual=residual, jacobian=nuisance[:, None], scale2=1.0)
+def evidence_of_the_unseen(signature: np.ndarray, residual: np.ndarray, nuisance: np.ndarray, at: float = 0.0) -> float:
+    """`signature` [n] per prior standard deviation of an effect that is linear in its parameter; base evidence 0.
+
+    `at`: where the base model's one parameter was fitted.
+    """
+
+    def whitened(_: object, vectors: np.ndarray) -> np.ndarray:
+        return residual - (vectors - np.array([at, 0.0])) @ np.stack([nuisance, signature])
+
+    problem: Any = SimpleNamespace(whitened=whitened)
+    fit = SimpleNamespace(vector=np.array([at]), residual=residual, jacobian=nuisance[:, None], scale2=1.0)
     base: Any = SimpleNamespace(fit=fit, alone=SimpleNamespace(log_evidence=0.0))
     return unseen(problem, base, EFFECT)
 
@@ -37,6 +45,14 @@ def test_what_the_finger_can_take_up_leaves_no_trace() -> None:
     signature = np.array([3.0, 3.0, 0.0])
     assert evidence_of_the_unseen(signature, np.zeros(3), 100.0 * signature) == pytest.approx(0.0, abs=0.01)
     assert evidence_of_the_unseen(signature, np.zeros(3), np.array([1.0, -1.0, 0.0])) < -0.5
+
+
+def test_a_parameter_at_its_end_takes_nothing_up() -> None:
+    """A body that floats was "nothing missing" with 1.00: the touch's area, at its end, left what the body explains."""
+    signature = np.array([3.0, 3.0, 0.0])
+    left = -0.5 * signature  # of what the parameter would explain beyond its end
+    inside, outside = (evidence_of_the_unseen(signature, left, 10.0 * signature, at) for at in (0.0, -FARTHEST))
+    assert outside < 0.0 < inside
 
 
 def candidate(name: str, log_evidence: float) -> Any:
