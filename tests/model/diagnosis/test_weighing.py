@@ -13,6 +13,7 @@ from model.diagnosis.naming import KIN_NATS, PRIOR_EFFECTS, PRIOR_NONE, PRIOR_UN
 from model.diagnosis.several import ANOTHER
 from model.diagnosis.verdict import (
     ANOTHER_NATS,
+    BESIDE_A_FIT_NATS,
     DISCREPANCY_WINS,
     MENDED,
     MIMICS,
@@ -163,6 +164,20 @@ def test_two_effects_that_fit_are_certain_where_the_second_does_more_than_someth
     weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = verdict._several(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == (None if certain is None else (two, certain))
+
+
+@pytest.mark.parametrize(("place", "nats"), [("contact", BESIDE_A_FIT_NATS), ("drive", KIN_NATS)])
+@pytest.mark.parametrize(("beyond", "named"), [(0.1, True), (-0.1, False)])
+def test_beside_one_that_fits_a_second_effect_must_be_worth_more_than_a_form_that_is_off(
+    place: str, nats: float, beyond: float, named: bool
+) -> None:
+    """Most where it acts at the place of the first. A moist skin was given a polarization beside it, for 4 nats."""
+    one = made("a", -100.0, kinds=(kind("a", stage="drive"),))
+    two = made("a+b", -100.0 - ANOTHER + nats + beyond, kinds=(*one.kinds, kind("b", stage=place)))
+    search = SimpleNamespace(best_with_one_more=lambda chosen: two, gain=lambda more: ANOTHER_NATS + 0.1)
+    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
+    found = verdict._several(search, weighed, True, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
+    assert found == ((two, True) if named else None)
 
 
 @pytest.mark.parametrize(
