@@ -17,7 +17,7 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.fit import STEP
 from model.diagnosis.naming import Candidate, imitate, testable_effects, unseen_draws
 from model.diagnosis.noise import shared_std
-from model.diagnosis.separation import Choice, Pair, by_block, choose, weights
+from model.diagnosis.separation import Choice, Pair, Told, by_block, choose, weights
 from model.diagnosis.space import Predictor
 from model.diagnosis.verdict import APART
 from model.diagnosis.witness import WITNESSES
@@ -96,19 +96,19 @@ def _unseen_pairs(findings: Findings, pool: Pool, own_std: Array) -> list[Pair]:
     std = own_std * np.sqrt(base.fit.scale2 / pool.repeats)
     sure = np.where(np.isfinite(here) & np.all(np.isfinite(spread), axis=1), 1.0 / std, 0.0)
     hides = sure[:, None] * np.nan_to_num(np.concatenate([_session_gains(data), spread], axis=1))
-    free = np.linalg.inv(np.eye(hides.shape[1]) + hides.T @ hides)
+    normal = np.eye(hides.shape[1]) + hides.T @ hides
     pairs = []
     for kind in testable_effects(data, problem.predictor.description.effects):
         vectors = unseen_draws(problem, base, kind)
         if not vectors.size:
             continue
-        adds = sure * np.nan_to_num(predictor.less(predictor.predicted((kind,), vectors), here))
-        along = adds @ hides
-        reach = np.sum(adds**2, axis=1) - np.sum(along @ free * along, axis=1)
-        shown = np.flatnonzero(reach >= APART)
-        shown = shown[np.argsort(reach[shown])]
-        for draw in np.unique(shown[np.linspace(0, shown.size - 1, FAINT).astype(int)]) if shown.size else ():
-            blocks = by_block(adds[draw], hides, pool.block, pool.cost_s.size)
+        difference = predictor.less(predictor.predicted((kind,), vectors), here)
+        adds = np.where(np.isfinite(difference), sure * difference, 0.0)
+        reach = Told(normal, adds @ hides, np.sum(adds**2, axis=1)).chi2()
+        shown = np.argsort(reach)[np.count_nonzero(reach < APART) :]  # the faintest first
+        kept = np.unique(np.linspace(0, shown.size - 1, FAINT).astype(int)) if shown.size else ()
+        for i in kept:
+            blocks = by_block(adds[shown[i]], hides, pool.block, pool.cost_s.size)
             pairs.append(Pair((base.name, kind.name), 1.0, blocks))
     return pairs
 

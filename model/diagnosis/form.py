@@ -3,8 +3,7 @@
 An effect's signature is what it adds to the prediction. Beside it stands a smooth share of that signature of unknown
 shape, for every witness its own: a Gaussian process over each input that varies, times the signature's size. Where the
 signature grows faster than the effect's strength, the size is what that share of the strength would change, up to twice
-as much. It cannot
-add anything where the effect does nothing, which tells it from a discrepancy of unknown shape.
+as much. It cannot add anything where the effect does nothing, which tells it from a discrepancy of unknown shape.
 """
 
 from __future__ import annotations

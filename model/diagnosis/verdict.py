@@ -203,8 +203,7 @@ def decide(
         found = several.found
         places = [search.places(found, i) for i in range(len(found.kinds))]
         if max(len(place) for place in places) <= MOST_ALIKE:
-            fits = adequate(found, scan(found).lack_of_fit_p) and of_exact_form(found)
-            return _name_several(several, places, probabilities, fits)
+            return _name_several(several, places, probabilities)
     if one_fits and (settled := _of_no_effect(weighed, probabilities)):
         return settled
 
@@ -297,9 +296,10 @@ def _how_unusual(found: Candidate) -> str:
 
 
 class _Several(NamedTuple):
-    """Several effects that explain the data, and whether it is certain that each of them is needed."""
+    """Several effects that explain the data, whether they fit, and whether each of them is certain to be needed."""
 
     found: Candidate
+    fits: bool
     certain: bool = True
 
 
@@ -313,6 +313,10 @@ def _several(
     that as well. Where both act at one place by more: another form of the one may look like the two. Effects that fit
     and do about as much as that discrepancy are not certain.
     """
+
+    def fits(candidate: Candidate) -> bool:
+        return adequate(candidate, scan(candidate).lack_of_fit_p)
+
     chosen = weighed.winner
     while (more := search.best_with_one_more(chosen)) is not None:
         gain = search.gain(more)
@@ -322,16 +326,17 @@ def _several(
         enough = KIN_NATS if len({kind.stage for kind in more.kinds}) < len(more.kinds) else least
         if one_fits:
             over = more.alone.log_evidence - chosen.alone.log_evidence
-            return _Several(more) if over + ANOTHER > enough else None
-        fits = adequate(more, scan(more).lack_of_fit_p)
+            return _Several(more, fits(more)) if over + ANOTHER > enough else None
         best = max(more.alone.log_evidence, more.beside_discrepancy.log_evidence)
         unknown = np.log(PRIOR_UNKNOWN) + chosen.beside_discrepancy.log_evidence
         odds = best + (len(more.kinds) - len(chosen.kinds)) * ANOTHER - unknown
+        if odds <= -ANOTHER_NATS:
+            return None
+        chosen, fit = more, fits(more)
         if odds <= enough:
-            return _Several(more, certain=False) if fits and gain > KIN_NATS and odds > -ANOTHER_NATS else None
-        chosen = more
-        if fits or of_another_form(chosen, weighed.base):
-            return _Several(chosen)
+            return _Several(chosen, fit, certain=False) if fit and gain > KIN_NATS else None
+        if fit or of_another_form(chosen, weighed.base):
+            return _Several(chosen, fit)
     return None
 
 
@@ -366,9 +371,7 @@ def _remainder(problem: Problem, winner: Candidate, base: Candidate) -> float:
     return float(np.sqrt(max(np.sum(left[data.of(w)] ** 2) for w in data.witnesses) / explained))
 
 
-def _name_several(
-    several: _Several, places: list[dict[str, float]], probabilities: dict[str, float], fits: bool
-) -> Verdict:
+def _name_several(several: _Several, places: list[dict[str, float]], probabilities: dict[str, float]) -> Verdict:
     """Each effect by its own name, with what may stand in its place."""
     found = several.found
     names = [kind.name for kind in found.kinds]
@@ -390,5 +393,6 @@ def _name_several(
         reason = f"{count} effects are needed; these data cannot tell the members of a group apart"
     else:
         verdict, reason = "effect_found", f"{count} effects are needed{_how_unusual(found)}"
-    reason += "" if fits else FORM_IS_OFF
-    return Verdict(verdict, fits, found, updated, group, (reason,))
+    is_adequate = several.fits and of_exact_form(found)
+    reason += "" if is_adequate else FORM_IS_OFF
+    return Verdict(verdict, is_adequate, found, updated, group, (reason,))

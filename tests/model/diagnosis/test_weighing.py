@@ -30,7 +30,7 @@ def made(name: str, alone: float, beside: float = FAR, rough: float = FAR, **mor
     """A candidate as far as the verdict looks at one."""
     return SimpleNamespace(
         name=name,
-        alone=SimpleNamespace(log_evidence=alone, rough=rough),
+        alone=SimpleNamespace(log_evidence=alone, rough=rough, exact=alone),
         beside_discrepancy=SimpleNamespace(log_evidence=beside),
         **more,
     )
@@ -94,12 +94,12 @@ def kind(name: str, off: float = 0.0, scale: str = "linear", stage: str = "") ->
 def certain(*x: float) -> SimpleNamespace:
     """Two effects, fitted: the base model's one parameter and then theirs, in standard deviations of their priors."""
     fit = SimpleNamespace(vector=np.array([9.0, *x]))
-    return SimpleNamespace(found=made("a+b", 0.0, kinds=(kind("a"), kind("b")), fit=fit), certain=True)
+    return SimpleNamespace(found=made("a+b", 0.0, kinds=(kind("a"), kind("b")), fit=fit), fits=True, certain=True)
 
 
 def test_each_of_two_effects_has_its_half_and_shares_it_with_what_may_stand_there() -> None:
     before = {"a": 0.3, "b": 0.2, "c": 0.2, "none": 0.2, "unknown": 0.1}
-    found = verdict._name_several(certain(0.0, 0.0), [{"a": 0.6, "c": 0.2}, {"b": 0.4}], before, True)  # type: ignore[arg-type]
+    found = verdict._name_several(certain(0.0, 0.0), [{"a": 0.6, "c": 0.2}, {"b": 0.4}], before)  # type: ignore[arg-type]
     half, left = SEVERAL_CERTAIN / 2, 1.0 - SEVERAL_CERTAIN
     shares = {"a": 0.75 * half, "c": 0.25 * half, "b": half, "none": left * 2 / 3, "unknown": left / 3}
     assert found.probabilities == pytest.approx(shares, rel=1e-9)
@@ -109,7 +109,7 @@ def test_each_of_two_effects_has_its_half_and_shares_it_with_what_may_stand_ther
 @pytest.mark.parametrize(("x", "unusual"), [(2.5, False), (2.7, True), (-2.7, True)])
 def test_two_names_say_so_where_one_is_stronger_than_usual(x: float, unusual: bool) -> None:
     before = {"a": 0.5, "b": 0.4, "none": 0.1}
-    found = verdict._name_several(certain(0.0, x), [{"a": 1.0}, {"b": 1.0}], before, True)  # type: ignore[arg-type]
+    found = verdict._name_several(certain(0.0, x), [{"a": 1.0}, {"b": 1.0}], before)  # type: ignore[arg-type]
     assert (found.verdict, found.adequate) == ("effect_found", True)
     assert ("stronger than 99 %" in found.reasons[0]) is unusual
 
@@ -128,7 +128,6 @@ def test_a_name_is_not_adequate_where_the_data_refute_the_catalogues_own_form(od
 def test_what_is_favoured_beside_a_name_but_not_enough_for_one_is_told(gain: float, perhaps: list[str]) -> None:
     """One of two effects was named and called adequate, with the odds of 100 for the other that is no name yet."""
     one = made("a", -10.0, kinds=(kind("a"),), fit=SimpleNamespace(vector=np.zeros(1)))
-    one.alone.exact = -10.0
     two = made("a+b", 0.0, kinds=(*one.kinds, kind("b")))
     search = SimpleNamespace(best_with_one_more=lambda chosen: two, gain=lambda more: gain)
     assert verdict._perhaps(search, one) == perhaps  # type: ignore[arg-type]
@@ -147,7 +146,7 @@ def test_two_effects_are_named_where_a_discrepancy_beside_them_only_mends_their_
     search = SimpleNamespace(best_with_one_more=lambda chosen: two if chosen is one else None, gain=lambda more: 90.0)
     weighed = Weighed(base, [one], [])  # type: ignore[arg-type, list-item]
     found = verdict._several(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
-    assert found == ((two, True) if named else None)
+    assert found == ((two, False, True) if named else None)
 
 
 @pytest.mark.parametrize(
@@ -163,7 +162,7 @@ def test_two_effects_that_fit_are_certain_where_the_second_does_more_than_someth
     search = SimpleNamespace(best_with_one_more=lambda chosen: two, gain=lambda more: KIN_NATS + 0.1)
     weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = verdict._several(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
-    assert found == (None if certain is None else (two, certain))
+    assert found == (None if certain is None else (two, True, certain))
 
 
 @pytest.mark.parametrize(("place", "nats"), [("contact", BESIDE_A_FIT_NATS), ("drive", KIN_NATS)])
@@ -177,7 +176,7 @@ def test_beside_one_that_fits_a_second_effect_must_be_worth_more_than_a_form_tha
     search = SimpleNamespace(best_with_one_more=lambda chosen: two, gain=lambda more: ANOTHER_NATS + 0.1)
     weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = verdict._several(search, weighed, True, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
-    assert found == ((two, True) if named else None)
+    assert found == ((two, True, True) if named else None)
 
 
 @pytest.mark.parametrize(
