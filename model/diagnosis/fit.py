@@ -83,7 +83,7 @@ class Problem:
     @cached_property
     def discrepancy(self) -> list[Array]:
         """Terms of a discrepancy of unknown shape, as `discrepancy_terms` gives them; all together come last."""
-        return discrepancy_terms(self.predictor.data, self.noise)
+        return discrepancy_terms(self.predictor.data, self.noise, self.predictor.force_share())
 
     @cached_property
     def smooth(self) -> Array:

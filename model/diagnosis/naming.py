@@ -21,7 +21,8 @@ PRIOR_NONE, PRIOR_UNKNOWN = 0.5, 0.1
 PRIOR_EFFECTS = 1.0 - PRIOR_NONE - PRIOR_UNKNOWN  # shared by all of the catalogue
 SURE = 0.95  # the probability that a name, or a group of them, must have
 STARTS = (0.0, -2.0, 1.5, -3.0)
-KIN_NATS = 12.0  # by which an effect must lead another that acts at the same place of the chain
+NEAR_NATS = 8.0  # rivals farther behind in evidence are refuted by these very data,
+KIN_NATS = 12.0  # and farther than that where forms are not the catalogue's
 NO_TRACE = 2.0  # lambda below which nobody would call an effect missing: what a parameter costs by Akaike
 DRAWS = 64  # of an effect's prior: shares of it to some per cent
 NONE, UNKNOWN = "none", "unknown"
@@ -67,16 +68,18 @@ def candidate(problem: Problem, kinds: tuple[type[Effect], ...], fit: Fit) -> Ca
     return Candidate(kinds, fit, alone, bent, lambda: evidence_beside(fit, noise, problem.discrepancy, bent))
 
 
-def could_stand_for(rival: Candidate, best: Candidate, without: Candidate) -> bool:
-    """Whether the effect that only `rival` has may be what `best` has instead: both act at one place and explain much.
+def could_stand_for(rival: Candidate, best: Candidate, without: Candidate, fits: bool = True) -> bool:
+    """Whether the effect that only `rival` has may be what `best` has instead, of another form: it explains much.
 
-    Another form of the one can look like the other there: a slew limit that sets in softly is a roll-off, as long as
-    nobody changes the amplitude. `without`: the model with neither.
+    Where both act at one place, another form of the one can look like the other: a slew limit that sets in softly is a
+    roll-off, as long as nobody changes the amplitude. Where `best` is of another form itself (`fits` false), so may any
+    be. `without`: the model with neither.
     """
     lead = best.alone.log_evidence - rival.alone.log_evidence
     gain = rival.alone.log_evidence - without.alone.log_evidence
     stages = {kind.stage for kind in set(best.kinds) ^ set(rival.kinds)}
-    return len(stages) == 1 and lead < KIN_NATS and gain > lead
+    near = lead < NEAR_NATS if fits and len(stages) == 1 else not fits and lead < KIN_NATS
+    return near and gain > lead
 
 
 def testable_effects(data: Measurements, switched_on: Sequence[Effect]) -> list[type[Effect]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.special import logsumexp
@@ -27,7 +28,7 @@ class Search:
     singles: list[Candidate]
     progress: Callable[[str], None]
     _fitted: dict[frozenset[type[Effect]], Candidate] = field(default_factory=dict)
-    _promising: dict[frozenset[type[Effect]], list[type[Effect]]] = field(default_factory=dict)
+    _promising: dict[frozenset[type[Effect]], dict[type[Effect], float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Single effects are fitted already."""
@@ -37,7 +38,10 @@ class Search:
         """`chosen` with the effect beside it that the data like best; then each effect swapped while that helps."""
         if len(chosen.kinds) >= MOST or len(self.singles) <= len(chosen.kinds):
             return None
-        best = max(self._beside(chosen.kinds), key=_evidence, default=chosen)
+        more = self._beside(chosen.kinds)
+        if len(chosen.kinds) == 1:  # two may hide behind a third that looks like both
+            more += [self._fit(pair) for pair in self._pairs]
+        best = max(more, key=_evidence, default=chosen)
         while best is not chosen:
             rivals = [c for i in range(len(best.kinds)) for c in self._beside(_without(best.kinds, i))]
             better = max(rivals, key=_evidence)
@@ -69,6 +73,19 @@ class Search:
     def _adds(self, chosen: Candidate, i: int) -> float:
         return _evidence(chosen) - _evidence(self._fit(_without(chosen.kinds, i)))
 
+    @cached_property
+    def _pairs(self) -> list[Kinds]:
+        """The pairs that promise to leave least: of the leading effects, each with what has a chance beside it."""
+        leaders = sorted(self.singles, key=_evidence, reverse=True)[:FITTED]
+        left: dict[Kinds, float] = {}
+        for c in leaders:
+            others = [other.kinds[0] for other in self.singles if other is not c]
+            for other, explained in self._likely(c.kinds, others).items():
+                pair = (*c.kinds, other)
+                pair = pair[::-1] if pair[::-1] in left else pair
+                left[pair] = min(c.fit.chi2 - explained, left.get(pair, np.inf))
+        return sorted(left, key=left.__getitem__)[:FITTED]
+
     def _beside(self, kinds: Kinds) -> list[Candidate]:
         """Those effects with each other one beside them that has a chance."""
         others = [c.kinds[0] for c in self.singles if c.kinds[0] not in kinds]
@@ -77,10 +94,11 @@ class Search:
             others = [o for o in others if o in likely or frozenset((*kinds, o)) in self._fitted]
         return [self._fit((*kinds, other)) for other in others]
 
-    def _likely(self, kinds: Kinds, others: list[type[Effect]]) -> list[type[Effect]]:
+    def _likely(self, kinds: Kinds, others: list[type[Effect]]) -> dict[type[Effect], float]:
         """The effects whose signatures, at their best strength, have the shape of what those in `kinds` leave.
 
-        What their own parameters could take up does not count. None that would not be worth its own prior.
+        With the chi^2 that each would explain, the most first. What their own parameters could take up does not count.
+        None that would not be worth its own prior.
         """
         key = frozenset(kinds)
         if key not in self._promising:
@@ -88,17 +106,27 @@ class Search:
             own, _ = np.linalg.qr(fit.jacobian)
             scores = {other: self._score(fit, own, other) for other in others}
             worth = [other for other in others if 0.5 * scores[other] / fit.scale2 > -ANOTHER]
-            self._promising[key] = sorted(worth, key=lambda other: -scores[other])[:FITTED]
+            best = sorted(worth, key=lambda other: -scores[other])[:FITTED]
+            self._promising[key] = {other: scores[other] for other in best}
         return self._promising[key]
 
     def _score(self, fit: Fit, own: Array, other: type[Effect]) -> float:
         """How much of a fit's residual one more effect explains, in chi^2, apart from the directions `own` [n, k]."""
-        vectors = np.zeros((len(STARTS), fit.vector.size + len(other.parameters())))
-        vectors[:, : fit.vector.size], vectors[:, fit.vector.size] = fit.vector, STARTS
+        along = np.maximum(self._signatures(fit, own, other) @ fit.residual, 0.0)
+        return float(np.max(along**2))
+
+    def _signatures(self, fit: Fit, own: Array, other: type[Effect]) -> Array:
+        """What one more effect adds [m, n], apart from the directions `own` [n, k]; of unit length.
+
+        At each of STARTS, and as it is fitted alone.
+        """
+        alone = self._fit((other,)).fit.vector[-len(other.parameters()) :]
+        vectors = np.zeros((len(STARTS) + 1, fit.vector.size + alone.size))
+        vectors[:, : fit.vector.size] = fit.vector
+        vectors[:-1, fit.vector.size], vectors[-1, fit.vector.size :] = STARTS, alone
         signatures = fit.residual - self.problem.whitened((*fit.kinds, other), vectors)
         signatures -= signatures @ own @ own.T
-        along = np.maximum(signatures @ fit.residual, 0.0)
-        return float(np.max(along**2 / np.maximum(np.sum(signatures**2, axis=1), 1e-12)))
+        return np.asarray(signatures / np.maximum(np.linalg.norm(signatures, axis=1, keepdims=True), 1e-6))
 
     def _fit(self, kinds: Kinds) -> Candidate:
         key = frozenset(kinds)

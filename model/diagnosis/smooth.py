@@ -1,8 +1,9 @@
 """Smooth functions of the inputs, of unknown shape: what a discrepancy may look like, or a form be off by.
 
-Gaussian processes with squared-exponential kernels over the inputs that vary. A discrepancy of log friction has one
-term per input, for the force (driven rows) and for friction itself (all rows), and one for frequency together with each
-of voltage, time and speed. Every other witness has terms of its own, likewise.
+Gaussian processes with squared-exponential kernels over the inputs that vary. A discrepancy of log friction has three
+terms per input: of the force (each row as far as its friction is the force's), of friction while there is voltage, and
+of friction always; and terms of frequency together with each of voltage, time and speed. Every other witness has terms
+of its own, likewise.
 """
 
 from __future__ import annotations
@@ -35,12 +36,17 @@ def standardised(data: Measurements, name: str) -> Array:
     return np.asarray(np.where(rows, (x - centre) / (spread if spread > 0 else 1.0), 0.0))
 
 
-def discrepancy_terms(data: Measurements, noise: Noise) -> list[Array]:
-    """Whitened features F [n, m] of every term (F F' is its kernel at unit amplitude); all terms together come last."""
+def discrepancy_terms(data: Measurements, noise: Noise, force: Array) -> list[Array]:
+    """Whitened features F [n, m] of every term (F F' is its kernel at unit amplitude); all terms together come last.
+
+    `force` [n]: how far each row's friction is the force's; a force that drifts shows in proportion to it.
+    """
     parts = []
     for witness in data.witnesses:
         mine = data.of(witness)
-        for part in _terms(data.subset(mine), witness == FRICTION):
+        driven = data.driven[mine].astype(float)
+        shown = [driven, force[mine], np.ones(driven.size)] if witness == FRICTION else [driven]
+        for part in _terms(data.subset(mine), shown):
             parts.append(np.zeros((data.count, part.shape[1])))
             parts[-1][mine] = part
     if not parts:
@@ -69,19 +75,18 @@ def compressed(together: Array) -> Array:
     return np.asarray(together @ directions[:, square > (FAINT / AMPLITUDES[-1]) ** 2])
 
 
-def _terms(data: Measurements, has_force: bool) -> list[Array]:
-    """The terms of one witness's observations; `has_force`: driven rows tell of more than the others."""
-    driven = data.driven.astype(float)[:, None]
+def _terms(data: Measurements, shown: list[Array]) -> list[Array]:
+    """The terms of one witness's observations, each as far as it is `shown` [n] there: first by what is driven."""
     inputs = {name: standardised(data, name) for name in INPUTS if data.varies(name)}
     parts = []
     for name, x in inputs.items():
         part = roots(x[:, None])
-        parts.append(part * driven)
-        if has_force and name not in ("frequency_hz", "voltage_v"):
-            parts.append(part)
+        of_voltage = name in ("frequency_hz", "voltage_v")
+        parts += [part * share[:, None] for share in (shown[:2] if of_voltage else shown)]
     for name in ("voltage_v", "time_s", "speed_m_s"):
         if "frequency_hz" in inputs and name in inputs:
-            parts.append(roots(np.stack([inputs["frequency_hz"], inputs[name]], axis=1)) * driven)
+            part = roots(np.stack([inputs["frequency_hz"], inputs[name]], axis=1))
+            parts += [part * share[:, None] for share in shown[:2]]
     return parts
 
 

@@ -14,6 +14,7 @@ from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, VOLTAGE, VOLTAGE_PHASE
 from model.effects import Effect
+from model.effects.drive_gain_error import DriveGainError
 from model.electric.current import sliding_admittance_per_m
 from model.parameters import TouchParameters
 from model.support.arrays import Array
@@ -121,6 +122,14 @@ class Predictor:
     def size(self, kinds: Sequence[type[Effect]]) -> int:
         """Length of a parameter vector."""
         return len(self.free) + sum(len(kind.parameters()) for kind in kinds)
+
+    def force_share(self) -> Array:
+        """How far each row's friction is the electrostatic force's [n]: what it lacks without it, the most being 1."""
+        parameters, _ = self.decode((), np.zeros((1, len(self.free))))
+        log_cof, without = (self._solve(parameters, [DriveGainError(gain)], 1)[0] for gain in (1.0, 0.0))
+        share = np.where(self.data.of(FRICTION) & self.data.driven, -np.expm1(without - log_cof), 0.0)
+        share = np.nan_to_num(share)  # where the model says nothing
+        return np.asarray(share / max(np.abs(share).max(initial=0.0), 1e-300))
 
     def less(self, values: Array, predicted: Array) -> Array:
         """What observed `values` [n] have over `predicted` ones [..., n]; angles within half a turn."""

@@ -12,6 +12,7 @@ from scipy.special import logsumexp
 from model.diagnosis.fit import Problem
 from model.diagnosis.naming import (
     KIN_NATS,
+    NEAR_NATS,
     NONE,
     PRIOR_EFFECTS,
     PRIOR_NONE,
@@ -33,7 +34,6 @@ ALIKE = 9.0  # below which more of the same would hardly tell them apart
 TOGETHER = 4.0  # and below which they are named together, whatever one data set says
 DISCREPANCY_WINS = 1.0 / PRIOR_UNKNOWN  # Bayes factor from which one beside the effect is the more probable
 LACK_OF_FIT = 5e-4  # pilot sets: clear effects of another form reach 0.001, strangers that only this test sees none
-NEAR_NATS = 12.0  # rivals farther behind in evidence are refuted by these very data
 NAME_REMAINDER = 0.18  # of the effect's own signature: what may be left beside a name,
 LIST_REMAINDER = 0.37  # and beside a list; pilot sets: strangers that effects half explain leave 0.2 and 0.38 up
 MIMICS = PRIOR_UNKNOWN / PRIOR_EFFECTS  # of an effect's prior: something unknown that looks like it, but for its form
@@ -116,7 +116,7 @@ class Weighed:
         each = np.log(PRIOR_EFFECTS / (len(self.singles) + len(self.untestable)))
         base, winner = self.base, self.winner
         logs = {c.name: float(each + self._seen(c)) for c in self.singles}
-        unknown = [np.log(PRIOR_UNKNOWN) + base.beside_discrepancy.log_evidence]
+        unknown = [np.log(PRIOR_UNKNOWN) + base.beside_discrepancy.log_evidence - PARTICULAR * tightness(winner)]
         unknown += [np.log(MIMICS) + each + mimic(c, base) for c in self.singles]
         more = np.log(PRIOR_UNKNOWN) + each + winner.beside_discrepancy.log_evidence
         if of_another_form(winner, base):
@@ -152,6 +152,11 @@ def beside_wins(candidate: Candidate) -> bool:
     """Whether the data ask for a discrepancy of unknown shape beside the model."""
     factor = candidate.beside_discrepancy.log_evidence - candidate.alone.log_evidence
     return bool(factor > np.log(DISCREPANCY_WINS))
+
+
+def tightness(candidate: Candidate) -> float:
+    """What the data say, in nats, against a form that is far off; 0 where they want one."""
+    return max(candidate.alone.log_evidence - candidate.alone.rough, 0.0)
 
 
 def of_another_form(candidate: Candidate, base: Candidate) -> bool:
@@ -210,7 +215,9 @@ def decide(
     alike = confusion(problem, winner, weighed.singles)
     group = [name for name, value in alike.items() if value < TOGETHER]
     group += [
-        c.name for c in weighed.singles if c.name not in (winner.name, *group) and could_stand_for(c, winner, base)
+        c.name
+        for c in weighed.singles
+        if c.name not in (winner.name, *group) and could_stand_for(c, winner, base, one_fits)
     ]
     if one_fits:
         return _name_one(winner, group, probabilities, _perhaps(search, winner))

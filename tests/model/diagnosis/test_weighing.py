@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from model.diagnosis import verdict
-from model.diagnosis.naming import KIN_NATS, PRIOR_EFFECTS, PRIOR_NONE, PRIOR_UNKNOWN, SURE
+from model.diagnosis.naming import (
+    KIN_NATS,
+    NEAR_NATS,
+    PRIOR_EFFECTS,
+    PRIOR_NONE,
+    PRIOR_UNKNOWN,
+    SURE,
+    could_stand_for,
+)
 from model.diagnosis.several import ANOTHER
 from model.diagnosis.verdict import (
     ANOTHER_NATS,
@@ -22,6 +30,7 @@ from model.diagnosis.verdict import (
     Weighed,
     of_its_form,
 )
+from model.effects import BY_NAME
 
 FAR = -1000.0  # evidence of what plays no part
 
@@ -68,6 +77,37 @@ def test_a_discrepancy_beside_the_winner_is_its_own_only_where_it_mends_its_form
         none=PRIOR_NONE * exp(-90.0),
         unknown=PRIOR_UNKNOWN * exp(beside_base) + (0.0 if another_form else more),
     )
+
+
+@pytest.mark.parametrize("tight", [20.0, 3.0, -5.0])
+def test_a_form_that_the_data_hold_tight_speaks_against_a_discrepancy_of_any_shape(tight: float) -> None:
+    """`tight`: nats against a form far off. A gain that bends was unexplained: any discrepancy said as much."""
+    found = posterior(made("none", -90.0, -10.0), made("a", -10.0, rough=-10.0 - tight), made("b", -60.0))
+    each = PRIOR_EFFECTS / 2
+    mimic = MIMICS * each * exp(-10.0 - tight)
+    if tight < 0.0:
+        mimic *= exp(PARTICULAR * tight)  # what looks like it says more than any discrepancy
+    assert found == expected(
+        a=each * exp(-10.0),
+        b=0.0,
+        none=PRIOR_NONE * exp(-90.0),
+        unknown=PRIOR_UNKNOWN * exp(-10.0 - PARTICULAR * max(tight, 0.0)) + mimic,
+    )
+
+
+@pytest.mark.parametrize("fits", [True, False])
+@pytest.mark.parametrize("other", ["amplifier_slew_limit", "load_dependent_friction"])
+@pytest.mark.parametrize("lead", [NEAR_NATS - 0.1, NEAR_NATS + 0.1, KIN_NATS - 0.1, KIN_NATS + 0.1])
+def test_another_form_of_a_rival_may_be_the_winner(lead: float, other: str, fits: bool) -> None:
+    """Where both act at one place; and any rival, from farther off, where the winner itself is of another form.
+
+    Electrowetting was named, in another form, 8 nats before the film of sweat that was there.
+    """
+    best = made("amplifier_bandwidth", 0.0, kinds=(BY_NAME["amplifier_bandwidth"],))
+    rival, base = made(other, -lead, kinds=(BY_NAME[other],)), made("none", -90.0, kinds=())
+    near = lead < NEAR_NATS and other == "amplifier_slew_limit" if fits else lead < KIN_NATS
+    assert could_stand_for(rival, best, base, fits) is near  # type: ignore[arg-type]
+    assert not could_stand_for(rival, best, made("none", -1.9 * lead), fits)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("beyond", "is_own"), [(0.01, True), (-0.01, False)])

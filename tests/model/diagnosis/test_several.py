@@ -1,0 +1,69 @@
+"""Which sets of effects are looked at."""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from model.diagnosis.several import FITTED, Search
+from model.effects import CATALOGUE
+
+KINDS = dict(zip("abcdefgh", CATALOGUE, strict=False))
+LETTERS = {kind: name for name, kind in KINDS.items()}
+
+
+def letters(kinds: Any) -> str:
+    return "".join(sorted(LETTERS[kind] for kind in kinds))
+
+
+def made(names: str, evidence: float) -> Any:
+    """Effects that leave the less chi^2 the more evidence they have."""
+    fit = SimpleNamespace(chi2=1000.0 - 2.0 * evidence)
+    alone = SimpleNamespace(log_evidence=evidence)
+    return SimpleNamespace(kinds=tuple(KINDS[name] for name in names), alone=alone, fit=fit)
+
+
+@dataclass
+class MadeUp(Search):
+    """Evidences and promises from tables instead of fits."""
+
+    def having(self, evidence: dict[str, float], promise: dict[str, dict[str, float]]) -> "MadeUp":
+        self.evidence, self.promise, self.looked_at = evidence, promise, set()
+        return self
+
+    def _likely(self, kinds: Any, others: Any) -> Any:
+        names = letters(kinds)
+        return {KINDS[name]: value for name, value in self.promise.get(names, {}).items()}
+
+    def _fit(self, kinds: Any) -> Any:
+        names = letters(kinds)
+        self.looked_at.add(names)
+        return made(names, self.evidence.get(names, -100.0))
+
+
+def search(evidence: dict[str, float], promise: dict[str, dict[str, float]]) -> MadeUp:
+    singles = [made(name, value) for name, value in evidence.items() if len(name) == 1]
+    problem: Any = None
+    return MadeUp(problem, singles, lambda _: None).having(evidence, promise)
+
+
+def test_two_effects_are_found_behind_a_third_that_looks_like_both() -> None:
+    """A film of sweat was named for a polarization and a floating body: beside the film neither helps."""
+    evidence = {"a": 37.0, "b": 25.0, "c": 39.0, "d": 1.0, "cd": 40.0, "ab": 54.0}
+    found = search(evidence, {"c": {"d": 9.0}, "a": {"b": 50.0}}).best_with_one_more(made("c", 39.0))
+    assert found is not None
+    assert letters(found.kinds) == "ab"
+
+
+@pytest.mark.parametrize("also_named", [False, True])
+def test_the_pairs_that_promise_to_leave_least_are_fitted_and_no_more(also_named: bool) -> None:
+    """From both sides of a pair; by what the first leaves, less what the second would explain."""
+    promise = {"a": dict.fromkeys("bcd", 10.0) | {"e": 1.0}, "b": {"c": 60.0, "d": 2.0, "e": 12.0}}
+    if also_named:
+        promise["c"] = {"b": 70.0, "a": 3.0}
+    made_up = search({name: 20.0 - i for i, name in enumerate("abcdefgh")}, promise)
+    pairs = [letters(pair) for pair in made_up._pairs]
+    assert pairs[0] == "bc"
+    assert len(pairs) == len(set(pairs)) == FITTED
+    assert "bd" not in pairs

@@ -1,0 +1,91 @@
+"""A discrepancy of unknown shape: of the electrostatic force, of friction while there is voltage, or of friction."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model.conditions import Conditions
+from model.description import read_model
+from model.diagnosis.data import Measurements, read_measurements
+from model.diagnosis.fit import Problem
+from model.diagnosis.naming import Candidate, candidate, fit_candidates
+from model.diagnosis.noise import noise_of
+from model.diagnosis.rival import evidence_beside
+from model.diagnosis.smooth import discrepancy_terms
+from model.diagnosis.space import Predictor
+from model.effects import BY_NAME
+from model.support.arrays import Array
+from model.touch_model import TouchModel
+
+FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
+NOISE = 0.01
+VOLTAGES = (0.0, 50.0, 75.0, 100.0, 125.0)
+
+
+def measured(tmp_path: Path, drift: float, of_force: bool) -> Measurements:
+    """Friction of the reference finger, 1 % noise; from first to last row the force, or friction, grows by `drift`."""
+    chance = np.random.default_rng(3)
+    rows = np.array([(f, v) for f in (30.0, 100.0, 300.0, 1000.0) for v in VOLTAGES for _ in range(4)])
+    rows = chance.permutation(rows)
+    load = np.full(len(rows), 0.5)
+    cof, off = (TouchModel(FINGER).cof(Conditions(rows[:, 0], v, load)) for v in (rows[:, 1], 0.0 * rows[:, 1]))
+    ramp = 1.0 + drift * np.linspace(-0.5, 0.5, len(rows))
+    cof = off + (cof - off) * ramp if of_force else cof * ramp
+    cof *= np.exp(NOISE * chance.standard_normal(len(rows)))
+    lines = [
+        f"{f},{v},0.5,{c:.6g},{NOISE * c:.6g},{10.0 * i}" for i, ((f, v), c) in enumerate(zip(rows, cof, strict=True))
+    ]
+    path = tmp_path / "data.csv"
+    path.write_text("\n".join(["frequency_hz,voltage_v,normal_force_n,cof,cof_std,time_s", *lines]) + "\n")
+    return read_measurements(path)
+
+
+def weighed(data: Measurements, *names: str) -> tuple[Candidate, list[Candidate]]:
+    """The base model, and effects of these names."""
+    noise = noise_of(data)
+    assert noise is not None
+    problem = Problem(Predictor(FINGER, data), data.observed, noise)
+    base = candidate(problem, (), problem.fit((), np.zeros(len(problem.predictor.free))))
+    return base, fit_candidates(problem, base.fit, [(BY_NAME[name],) for name in names], lambda _: None)
+
+
+def beside(base: Candidate) -> float:
+    """What a discrepancy of unknown shape adds to the evidence."""
+    return base.beside_discrepancy.log_evidence - base.alone.log_evidence
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_force_that_drifts_shows_by_how_much_of_friction_is_the_forces(tmp_path: Path, sign: float) -> None:
+    """It was named trapped charge of another form, by a discrepancy that knew only whether there is voltage."""
+    data = measured(tmp_path, 0.3 * sign, of_force=True)
+    base, (charge,) = weighed(data, "trapped_charge")
+    assert base.beside_discrepancy.log_evidence > charge.alone.log_evidence
+    noise = noise_of(data)
+    assert noise is not None
+    unaware = discrepancy_terms(data, noise, data.driven.astype(float))
+    without = evidence_beside(base.fit, noise, unaware, np.zeros((data.count, 0)))
+    assert base.beside_discrepancy.log_evidence > without.log_evidence + 5.0
+
+
+def test_a_friction_that_drifts_is_one_as_well(tmp_path: Path) -> None:
+    base, _ = weighed(measured(tmp_path, 0.1, of_force=False))
+    assert beside(base) > 10.0
+
+
+def test_nothing_that_drifts_is_none(tmp_path: Path) -> None:
+    base, _ = weighed(measured(tmp_path, 0.0, of_force=True))
+    assert beside(base) < 0.0
+
+
+def test_the_share_of_the_force_is_what_friction_has_more_than_without_voltage(tmp_path: Path) -> None:
+    data = measured(tmp_path, 0.0, of_force=True)
+    share = Predictor(FINGER, data).force_share()
+    frequency, voltage = data.columns["frequency_hz"], data.columns["voltage_v"]
+    friction: list[Array] = [
+        TouchModel(FINGER).cof(Conditions(frequency, v, np.full(data.count, 0.5))) for v in (voltage, 0.0 * voltage)
+    ]
+    expected = 1.0 - friction[1] / friction[0]
+    assert np.all(share[voltage == 0.0] == 0.0)
+    np.testing.assert_allclose(share, expected / expected.max(), rtol=0.01)  # the usual finger has 3 nm of dust
+    assert share.max() == 1.0
