@@ -126,9 +126,10 @@ class Predictor:
     def force_share(self) -> Array:
         """How far each row's friction is the electrostatic force's [n]: what it lacks without it, the most being 1."""
         parameters, _ = self.decode((), np.zeros((1, len(self.free))))
-        log_cof, without = (self._solve(parameters, [DriveGainError(gain)], 1)[0] for gain in (1.0, 0.0))
-        share = np.where(self.data.of(FRICTION) & self.data.driven, -np.expm1(without - log_cof), 0.0)
-        share = np.nan_to_num(share)  # where the model says nothing
+        gains = [DriveGainError(1.0)], [DriveGainError(0.0)]
+        log_cof, without = (self._friction(parameters, *self._pressed(parameters, gain))[FRICTION][0] for gain in gains)
+        share = np.nan_to_num(-np.expm1(without - log_cof))[self._row]  # 0 where the model says nothing
+        share = np.where(self.data.of(FRICTION) & self.data.driven, share, 0.0)
         return np.asarray(share / max(np.abs(share).max(initial=0.0), 1e-300))
 
     def less(self, values: Array, predicted: Array) -> Array:
@@ -153,8 +154,7 @@ class Predictor:
         return predicted
 
     def _solve(self, parameters: TouchParameters, effects: list[Effect], count: int) -> Array:
-        touch = prepare(parameters, self.description.dielectric, (*self.description.effects, *effects), self._drive)
-        p_e, _ = solver.solve(self._table, touch.circuit)
+        touch, p_e = self._pressed(parameters, effects)
         electrical = any(witness != FRICTION for witness, _ in self._witnesses)
         answers = self._friction(parameters, touch, p_e) | (self._electrode(touch, p_e) if electrical else {})
         predicted = np.empty((count, self._row.size))
@@ -166,6 +166,12 @@ class Predictor:
                 here = here - np.where(against, there, 0.0)
             predicted[:, mine] = here
         return predicted
+
+    def _pressed(self, parameters: TouchParameters, effects: Sequence[Effect]) -> tuple[PreparedTouch, Array]:
+        """The touch, and the electrostatic pressure on it in Pa."""
+        touch = prepare(parameters, self.description.dielectric, (*self.description.effects, *effects), self._drive)
+        p_e_pa, _ = solver.solve(self._table, touch.circuit)
+        return touch, p_e_pa
 
     def _friction(self, parameters: TouchParameters, touch: PreparedTouch, p_e_pa: Array) -> dict[int, Array]:
         law, load_n = self.description.friction_law, self._drive.normal_force_n

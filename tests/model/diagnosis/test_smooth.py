@@ -1,5 +1,6 @@
 """A discrepancy of unknown shape: of the electrostatic force, of friction while there is voltage, or of friction."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from model.diagnosis.noise import noise_of
 from model.diagnosis.rival import evidence_beside
 from model.diagnosis.smooth import discrepancy_terms
 from model.diagnosis.space import Predictor
+from model.diagnosis.witness import FRICTION
 from model.effects import BY_NAME
 from model.support.arrays import Array
 from model.touch_model import TouchModel
@@ -89,3 +91,17 @@ def test_the_share_of_the_force_is_what_friction_has_more_than_without_voltage(t
     assert np.all(share[voltage == 0.0] == 0.0)
     np.testing.assert_allclose(share, expected / expected.max(), rtol=0.01)  # the usual finger has 3 nm of dust
     assert share.max() == 1.0
+
+
+def test_a_current_has_no_share_of_the_force(tmp_path: Path) -> None:
+    """Without a force there is no voltage to take it against: numpy said so on the terminal."""
+    path = tmp_path / "data.csv"
+    path.write_text(
+        "frequency_hz,voltage_v,normal_force_n,cof,cof_std,current_a,current_phase_rad,electrode_voltage_v,"
+        "electrode_voltage_phase_rad\n250,75,0.5,0.6,0.01,6e-5,0.5,70,0.1\n250,100,0.5,0.7,0.01,8e-5,0.5,95,0.1\n"
+    )
+    data = read_measurements(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        share = Predictor(FINGER, data).force_share()
+    assert list(share > 0.0) == list(data.of(FRICTION))
