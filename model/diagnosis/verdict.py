@@ -204,7 +204,7 @@ def decide(
     one_fits = adequate(winner, scan(winner).lack_of_fit_p)
     search = Search(problem, weighed.singles, progress)
     several = _several(search, weighed, one_fits, scan)
-    if several is not None and of_its_form(several.found, base):
+    if several is not None and _is_explanation(several, base):
         found = several.found
         places = [search.places(found, i) for i in range(len(found.kinds))]
         if max(len(place) for place in places) <= MOST_ALIKE:
@@ -308,6 +308,15 @@ class _Several(NamedTuple):
     found: Candidate
     fits: bool
     certain: bool = True
+
+
+def _is_explanation(several: _Several, base: Candidate) -> bool:
+    """Whether effects explain by their own form; more than are ever named, by the catalogue's exact one.
+
+    So many imitate much that is in no catalogue where each may be of another form.
+    """
+    few = len(several.found.kinds) <= MOST_NAMED
+    return of_its_form(several.found, base) and (few or (several.fits and of_exact_form(several.found)))
 
 
 def _several(

@@ -118,6 +118,20 @@ def test_a_form_is_the_effects_own_from_sure_odds_against_a_look_alike_up(beyond
     assert of_its_form(found, made("none", -200.0, -100.0)) is is_own  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("count", "fits", "exact", "explains"),
+    [(2, False, False, True), (3, True, True, True), (3, False, True, False), (3, True, False, False)],
+)
+def test_three_effects_explain_only_by_the_catalogues_exact_form(
+    count: int, fits: bool, exact: bool, explains: bool
+) -> None:
+    """Three of other forms were listed for a resonance of the sensor."""
+    found = made("a", 0.0, kinds=(kind("a"),) * count)
+    found.alone.exact = 0.0 if exact else -10.0
+    several = SimpleNamespace(found=found, fits=fits)
+    assert verdict._is_explanation(several, made("none", -200.0, -100.0)) is explains  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(("share", "names"), [(1.1, ["a"]), (0.9, [])])
 def test_an_effect_is_needed_beside_a_discrepancy_from_sure_odds_up(share: float, names: list[str]) -> None:
     """`share` of the odds that are sure; b is too far off to matter, c cannot be tested but has its prior."""
