@@ -29,7 +29,7 @@ class MadeUp(Search):
     """Evidences and promises from tables instead of fits."""
 
     def having(self, evidence: dict[str, float], promise: dict[str, dict[str, float]]) -> "MadeUp":
-        self.evidence, self.promise, self.looked_at = evidence, promise, set()
+        self.evidence, self.promise = evidence, promise
         return self
 
     def _likely(self, kinds: Any, others: Any) -> Any:
@@ -38,7 +38,6 @@ class MadeUp(Search):
 
     def _fit(self, kinds: Any) -> Any:
         names = letters(kinds)
-        self.looked_at.add(names)
         return made(names, self.evidence.get(names, -100.0))
 
 
