@@ -79,8 +79,7 @@ class Search:
         leaders = sorted(self.singles, key=_evidence, reverse=True)[:FITTED]
         left: dict[Kinds, float] = {}
         for c in leaders:
-            others = [other.kinds[0] for other in self.singles if other is not c]
-            for other, explained in self._likely(c.kinds, others).items():
+            for other, explained in self._likely(c.kinds).items():
                 pair = (*c.kinds, other)
                 pair = pair[::-1] if pair[::-1] in left else pair
                 left[pair] = min(c.fit.chi2 - explained, left.get(pair, np.inf))
@@ -90,11 +89,11 @@ class Search:
         """Those effects with each other one beside them that has a chance."""
         others = [c.kinds[0] for c in self.singles if c.kinds[0] not in kinds]
         if kinds:
-            likely = self._likely(kinds, others)
+            likely = self._likely(kinds)
             others = [o for o in others if o in likely or frozenset((*kinds, o)) in self._fitted]
         return [self._fit((*kinds, other)) for other in others]
 
-    def _likely(self, kinds: Kinds, others: list[type[Effect]]) -> dict[type[Effect], float]:
+    def _likely(self, kinds: Kinds) -> dict[type[Effect], float]:
         """The effects whose signatures, at their best strength, have the shape of what those in `kinds` leave.
 
         With the chi^2 that each would explain, the most first. What their own parameters could take up does not count.
@@ -104,8 +103,9 @@ class Search:
         if key not in self._promising:
             fit = self._fit(kinds).fit
             own, _ = np.linalg.qr(fit.jacobian)
+            others = (c.kinds[0] for c in self.singles if c.kinds[0] not in kinds)
             scores = {other: self._score(fit, own, other) for other in others}
-            worth = [other for other in others if 0.5 * scores[other] / fit.scale2 > -ANOTHER]
+            worth = [other for other in scores if 0.5 * scores[other] / fit.scale2 > -ANOTHER]
             best = sorted(worth, key=lambda other: -scores[other])[:FITTED]
             self._promising[key] = {other: scores[other] for other in best}
         return self._promising[key]

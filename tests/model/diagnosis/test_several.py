@@ -32,7 +32,7 @@ class MadeUp(Search):
         self.evidence, self.promise = evidence, promise
         return self
 
-    def _likely(self, kinds: Any, others: Any) -> Any:
+    def _likely(self, kinds: Any) -> Any:
         names = letters(kinds)
         return {KINDS[name]: value for name, value in self.promise.get(names, {}).items()}
 
