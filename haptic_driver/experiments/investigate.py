@@ -25,9 +25,8 @@ from haptic_driver.simulation.finger_function import FingerFunction
 from model.description import ModelDescription
 from model.diagnosis.data import read_measurements, together
 from model.diagnosis.design import Design, design, design_for_unseen
-from model.diagnosis.naming import SURE, words
+from model.diagnosis.naming import ALIKE, SURE, words
 from model.diagnosis.report import write_report
-from model.diagnosis.verdict import ALIKE
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects.interventions import BY_INTERVENTION, NOTHING
 from model.touch_model import TouchModel

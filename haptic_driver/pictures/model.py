@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from haptic_driver.pictures.files import pyplot, saved
 from haptic_driver.signals import Array
-from model.diagnosis.verdict import APART
+from model.diagnosis.naming import APART
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

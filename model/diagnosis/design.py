@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import STEP
-from model.diagnosis.naming import Candidate, imitate, testable_effects, unseen_draws
+from model.diagnosis.naming import APART, Candidate, imitate, testable_effects, unseen_draws
 from model.diagnosis.noise import shared_std
 from model.diagnosis.separation import Choice, Pair, Told, by_block, choose, weights
 from model.diagnosis.space import Predictor
-from model.diagnosis.verdict import APART
 from model.diagnosis.witness import WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
 from model.effects.interventions import NOTHING

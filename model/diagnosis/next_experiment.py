@@ -18,10 +18,9 @@ from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.design import Pool, design, leading
 from model.diagnosis.fit import Problem
-from model.diagnosis.naming import Candidate, separation, words
+from model.diagnosis.naming import ALIKE, APART, Candidate, separation, words
 from model.diagnosis.noise import SESSION_GAIN_STD
 from model.diagnosis.space import Predictor
-from model.diagnosis.verdict import ALIKE, APART
 from model.diagnosis.where import Disagreement
 from model.diagnosis.witness import FRICTION, WITNESSES
 from model.diagnosis.workflow import Diagnosis

@@ -14,10 +14,9 @@ import numpy as np
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.naming import NONE, STARTS, testable_effects
+from model.diagnosis.naming import APART, NONE, STARTS, testable_effects
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.space import Predictor
-from model.diagnosis.verdict import APART
 from model.effects import Effect
 from model.support.arrays import Array
 from model.support.errors import ModelError

@@ -5,12 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
 
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.naming import PRIOR_EFFECTS, STARTS, SURE, Candidate, could_stand_for, fit_candidates
+from model.diagnosis.naming import (
+    KIN_NATS,
+    PRIOR_EFFECTS,
+    PRIOR_UNKNOWN,
+    STARTS,
+    SURE,
+    Candidate,
+    could_stand_for,
+    fit_candidates,
+)
+from model.diagnosis.weighing import Weighed, adequate, of_another_form, of_exact_form, of_its_form
+from model.diagnosis.where import Disagreement
 from model.effects import CATALOGUE, Effect
 from model.support.arrays import Array
 
@@ -18,6 +30,9 @@ Kinds = tuple[type[Effect], ...]
 MOST = 3  # effects at once
 FITTED = 6  # of those beside others: the most promising
 ANOTHER = float(np.log(PRIOR_EFFECTS / len(CATALOGUE)))  # log prior of one more: as of the first
+ANOTHER_NATS = 3.0  # that one more effect must be worth, its prior counted; SURE has as many,
+BESIDE_A_FIT_NATS = 6.0  # and that beside one that fits alone; pilot sets: none of 52 says 5, pairs 10 up
+MOST_NAMED = 2  # effects at once: of sets of three there are a thousand
 
 
 @dataclass
@@ -135,6 +150,60 @@ class Search:
             start = self._fit(kinds[:-1]).fit
             self._fitted[key] = fit_candidates(self.problem, start, [kinds], lambda _: None)[0]
         return self._fitted[key]
+
+
+class Several(NamedTuple):
+    """Several effects that explain the data, whether they fit, and whether each of them is certain to be needed."""
+
+    found: Candidate
+    fits: bool
+    certain: bool = True
+
+
+def is_explanation(several: Several, base: Candidate) -> bool:
+    """Whether effects explain by their own form; more than are ever named, by the catalogue's exact one.
+
+    So many imitate much that is in no catalogue where each may be of another form.
+    """
+    few = len(several.found.kinds) <= MOST_NAMED
+    return of_its_form(several.found, base) and (few or (several.fits and of_exact_form(several.found)))
+
+
+def several_effects(
+    search: Search, weighed: Weighed, one_fits: bool, scan: Callable[[Candidate], Disagreement]
+) -> Several | None:
+    """The winner with what else is needed, where that fits or is of another form; None where one is enough.
+
+    Beside a winner that fits alone, a second effect counts by what the data say in favour of its form, as one of two
+    rivals would; beside one that does not fit, it must do more than a discrepancy of unknown shape, or be needed beside
+    that as well. Where both act at one place by more: another form of the one may look like the two. Effects that fit
+    and do about as much as that discrepancy are not certain.
+    """
+
+    def fits(candidate: Candidate) -> bool:
+        return adequate(candidate, scan(candidate).lack_of_fit_p)
+
+    chosen = weighed.winner
+    while (more := search.best_with_one_more(chosen)) is not None:
+        gain = search.gain(more)
+        if gain <= ANOTHER_NATS:
+            return None
+        least = BESIDE_A_FIT_NATS if one_fits else ANOTHER_NATS
+        enough = KIN_NATS if len({kind.stage for kind in more.kinds}) < len(more.kinds) else least
+        if one_fits:
+            over = more.alone.log_evidence - chosen.alone.log_evidence
+            return Several(more, fits(more)) if over + ANOTHER > enough else None
+        best = max(more.alone.log_evidence, more.beside_discrepancy.log_evidence)
+        unknown = np.log(PRIOR_UNKNOWN) + chosen.beside_discrepancy.log_evidence
+        odds = best + (len(more.kinds) - len(chosen.kinds)) * ANOTHER - unknown
+        if odds <= -ANOTHER_NATS:
+            return None
+        chosen, fit = more, fits(more)
+        if odds <= enough:
+            return Several(chosen, fit, certain=False) if fit and gain > KIN_NATS else None
+        if fit or of_another_form(chosen, weighed.base):
+            return Several(chosen, fit)
+    return None
 
 
 def _evidence(candidate: Candidate) -> float:

@@ -3,46 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
 from model.diagnosis.fit import Problem
 from model.diagnosis.naming import (
-    KIN_NATS,
-    NEAR_NATS,
     NONE,
     PRIOR_EFFECTS,
-    PRIOR_NONE,
     PRIOR_UNKNOWN,
     SURE,
+    TOGETHER,
     UNKNOWN,
     Candidate,
     could_stand_for,
-    separation,
     words,
 )
 from model.diagnosis.rival import discrepancy_mean
-from model.diagnosis.several import ANOTHER, Search
+from model.diagnosis.several import MOST_NAMED, Search, Several, is_explanation, several_effects
+from model.diagnosis.weighing import (
+    Weighed,
+    adequate,
+    confusion,
+    of_another_form,
+    of_exact_form,
+    posterior,
+    ranked,
+)
 from model.diagnosis.where import Disagreement
 
 NOTHING = 0.90
-APART = 25.0  # lambda_ij from which two effects count as told apart
-ALIKE = 9.0  # below which more of the same would hardly tell them apart
-TOGETHER = 4.0  # and below which they are named together, whatever one data set says
-DISCREPANCY_WINS = 1.0 / PRIOR_UNKNOWN  # Bayes factor from which one beside the effect is the more probable
-LACK_OF_FIT = 5e-4  # pilot sets: clear effects of another form reach 0.001, strangers that only this test sees none
 NAME_REMAINDER = 0.18  # of the effect's own signature: what may be left beside a name,
 LIST_REMAINDER = 0.37  # and beside a list; pilot sets: strangers that effects half explain leave 0.2 and 0.38 up
-MIMICS = PRIOR_UNKNOWN / PRIOR_EFFECTS  # of an effect's prior: something unknown that looks like it, but for its form
-PARTICULAR = 0.25  # of a nat, what each nat beyond a discrepancy of any shape says against a look-alike; pilot sets
-MENDED = 3.0  # times what a discrepancy beside an effect adds, the effect's own form says beyond any; pilot sets
-ANOTHER_NATS = 3.0  # that one more effect must be worth, its prior counted; SURE has as many,
-BESIDE_A_FIT_NATS = 6.0  # and that beside one that fits alone; pilot sets: none of 52 says 5, pairs 10 up
 SEVERAL_CERTAIN = 0.98
-MOST_NAMED = 2  # effects at once: of sets of three there are a thousand
 MOST_ALIKE = 3  # effects that may stand in one place: where more could, several effects are no explanation
 LEADERS = 6
 FORM_IS_OFF = "; its form is not quite the catalogue's"
@@ -87,107 +80,6 @@ class Verdict:
         return min(1.0, max(len(self.chosen.kinds), 1) * self.probabilities.get(name, self.probability))
 
 
-@dataclass(frozen=True)
-class Weighed:
-    """All single-effect models of one data set beside the base model.
-
-    `unseen`: log evidence of each effect where it is too weak to leave a trace.
-    """
-
-    base: Candidate
-    singles: list[Candidate]
-    untestable: list[str]
-    unseen: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def winner(self) -> Candidate:
-        """The effect with the most evidence."""
-        return max(self.singles, key=lambda c: c.alone.log_evidence)
-
-    @property
-    def probabilities(self) -> dict[str, float]:
-        """Posterior of none, unknown and every effect of the catalogue, summing to 1, the largest first.
-
-        An effect too weak to leave a trace counts as none.
-        Unknown is a discrepancy of any shape: beside the base model; beside the winner, where it wins there and the
-        winner is not the effect itself in another form; and one that looks like an effect of a form far off, which is
-        the less likely the more the effect says in particular.
-        """
-        each = np.log(PRIOR_EFFECTS / (len(self.singles) + len(self.untestable)))
-        base, winner = self.base, self.winner
-        logs = {c.name: float(each + self._seen(c)) for c in self.singles}
-        unknown = [np.log(PRIOR_UNKNOWN) + base.beside_discrepancy.log_evidence - PARTICULAR * tightness(winner)]
-        unknown += [np.log(MIMICS) + each + mimic(c, base) for c in self.singles]
-        more = np.log(PRIOR_UNKNOWN) + each + winner.beside_discrepancy.log_evidence
-        if of_another_form(winner, base):
-            logs[winner.name] = float(np.logaddexp(logs[winner.name], more))
-        elif beside_wins(winner):
-            unknown.append(more)
-        none = [np.log(PRIOR_NONE) + base.alone.log_evidence, *(each + value for value in self.unseen.values())]
-        logs |= {NONE: float(logsumexp(none)), UNKNOWN: float(logsumexp(unknown))}
-        return _normalised(logs | {name: float(each + base.alone.log_evidence) for name in self.untestable})
-
-    def _seen(self, candidate: Candidate) -> float:
-        """log evidence of an effect where it leaves a trace."""
-        share = 1.0 - np.exp(min(self.unseen.get(candidate.name, -np.inf) - candidate.alone.log_evidence, 0.0))
-        return float(candidate.alone.log_evidence + np.log(max(share, 1e-300)))
-
-
-def _normalised(logs: dict[str, float]) -> dict[str, float]:
-    total = logsumexp(list(logs.values()))
-    return _shares({name: float(np.exp(value - total)) for name, value in logs.items()})
-
-
-def adequate(candidate: Candidate, lack_of_fit_p: float) -> bool:
-    """Whether nothing of unknown shape needs to stand beside the model."""
-    return not beside_wins(candidate) and lack_of_fit_p >= LACK_OF_FIT
-
-
-def of_exact_form(candidate: Candidate) -> bool:
-    """Whether the data do not refute the catalogue's own form, which a corrected model carries."""
-    return bool(candidate.alone.log_evidence - candidate.alone.exact <= np.log(DISCREPANCY_WINS))
-
-
-def beside_wins(candidate: Candidate) -> bool:
-    """Whether the data ask for a discrepancy of unknown shape beside the model."""
-    factor = candidate.beside_discrepancy.log_evidence - candidate.alone.log_evidence
-    return bool(factor > np.log(DISCREPANCY_WINS))
-
-
-def tightness(candidate: Candidate) -> float:
-    """What the data say, in nats, against a form that is far off; 0 where they want one."""
-    return max(candidate.alone.log_evidence - candidate.alone.rough, 0.0)
-
-
-def of_another_form(candidate: Candidate, base: Candidate) -> bool:
-    """Whether effects explain most by their own form, and a discrepancy that wins beside them only mends that."""
-    own = candidate.alone.log_evidence - base.beside_discrepancy.log_evidence
-    mended = candidate.beside_discrepancy.log_evidence - candidate.alone.log_evidence
-    return beside_wins(candidate) and bool(own > MENDED * mended)
-
-
-def mimic(candidate: Candidate, base: Candidate) -> float:
-    """log evidence of something unknown that looks like a model's effects, but for a form far off.
-
-    What a discrepancy of any shape explains nearly as well could be anything; what it does not is the effects' own.
-    """
-    rough = candidate.alone.rough
-    return float(rough - PARTICULAR * max(rough - base.beside_discrepancy.log_evidence, 0.0))
-
-
-def of_its_form(candidate: Candidate, base: Candidate) -> bool:
-    """Whether effects explain the data by their own form, rather than something unknown that looks like them."""
-    odds = candidate.alone.log_evidence - mimic(candidate, base) - np.log(MIMICS)
-    return bool(odds >= np.log(SURE / (1.0 - SURE)))
-
-
-def confusion(problem: Problem, winner: Candidate, rivals: list[Candidate]) -> dict[str, float]:
-    """min(lambda_ij, lambda_ji) of the winner with each rival that comes near it in evidence."""
-    best = winner.alone.log_evidence
-    near = [c for c in rivals if c is not winner and best - c.alone.log_evidence < NEAR_NATS]
-    return {c.name: separation(problem, winner, c) for c in near}
-
-
 def decide(
     problem: Problem,
     weighed: Weighed,
@@ -203,8 +95,8 @@ def decide(
 
     one_fits = adequate(winner, scan(winner).lack_of_fit_p)
     search = Search(problem, weighed.singles, progress)
-    several = _several(search, weighed, one_fits, scan)
-    if several is not None and _is_explanation(several, base):
+    several = several_effects(search, weighed, one_fits, scan)
+    if several is not None and is_explanation(several, base):
         found = several.found
         places = [search.places(found, i) for i in range(len(found.kinds))]
         if max(len(place) for place in places) <= MOST_ALIKE:
@@ -271,7 +163,7 @@ def _name_one(winner: Candidate, group: list[str], probabilities: dict[str, floa
     """The winner, or a list that it leads; `perhaps` stands beside it."""
     effects = _effects(probabilities)
     certain = sum(effects.values()) >= SURE
-    members = dict.fromkeys([winner.name, *group, *_credible(_shares(effects))])
+    members = dict.fromkeys([winner.name, *group, *_credible(ranked(effects))])
     rivals = [name for name in members if name != winner.name]
     reason = "these data cannot tell the group's members apart" if certain else "no candidate is certain; ranked"
     verdict, exact = "ambiguous", of_exact_form(winner)
@@ -280,13 +172,6 @@ def _name_one(winner: Candidate, group: list[str], probabilities: dict[str, floa
     reason += "" if exact else FORM_IS_OFF
     reason += f"; perhaps {' and '.join(words(name) for name in perhaps)} as well" if perhaps else ""
     return Verdict(verdict, exact and not perhaps, winner, probabilities, {winner.name: rivals}, (reason,))
-
-
-def _shares(probabilities: dict[str, float]) -> dict[str, float]:
-    """The same summing to 1, the largest first."""
-    total = sum(probabilities.values())
-    ordered = sorted(probabilities.items(), key=lambda item: -item[1])
-    return {name: value / total for name, value in ordered}
 
 
 def _how_unusual(found: Candidate) -> str:
@@ -302,68 +187,14 @@ def _how_unusual(found: Candidate) -> str:
     return ", though stronger than 99 % of what is expected" if unusual else ""
 
 
-class _Several(NamedTuple):
-    """Several effects that explain the data, whether they fit, and whether each of them is certain to be needed."""
-
-    found: Candidate
-    fits: bool
-    certain: bool = True
-
-
-def _is_explanation(several: _Several, base: Candidate) -> bool:
-    """Whether effects explain by their own form; more than are ever named, by the catalogue's exact one.
-
-    So many imitate much that is in no catalogue where each may be of another form.
-    """
-    few = len(several.found.kinds) <= MOST_NAMED
-    return of_its_form(several.found, base) and (few or (several.fits and of_exact_form(several.found)))
-
-
-def _several(
-    search: Search, weighed: Weighed, one_fits: bool, scan: Callable[[Candidate], Disagreement]
-) -> _Several | None:
-    """The winner with what else is needed, where that fits or is of another form; None where one is enough.
-
-    Beside a winner that fits alone, a second effect counts by what the data say in favour of its form, as one of two
-    rivals would; beside one that does not fit, it must do more than a discrepancy of unknown shape, or be needed beside
-    that as well. Where both act at one place by more: another form of the one may look like the two. Effects that fit
-    and do about as much as that discrepancy are not certain.
-    """
-
-    def fits(candidate: Candidate) -> bool:
-        return adequate(candidate, scan(candidate).lack_of_fit_p)
-
-    chosen = weighed.winner
-    while (more := search.best_with_one_more(chosen)) is not None:
-        gain = search.gain(more)
-        if gain <= ANOTHER_NATS:
-            return None
-        least = BESIDE_A_FIT_NATS if one_fits else ANOTHER_NATS
-        enough = KIN_NATS if len({kind.stage for kind in more.kinds}) < len(more.kinds) else least
-        if one_fits:
-            over = more.alone.log_evidence - chosen.alone.log_evidence
-            return _Several(more, fits(more)) if over + ANOTHER > enough else None
-        best = max(more.alone.log_evidence, more.beside_discrepancy.log_evidence)
-        unknown = np.log(PRIOR_UNKNOWN) + chosen.beside_discrepancy.log_evidence
-        odds = best + (len(more.kinds) - len(chosen.kinds)) * ANOTHER - unknown
-        if odds <= -ANOTHER_NATS:
-            return None
-        chosen, fit = more, fits(more)
-        if odds <= enough:
-            return _Several(chosen, fit, certain=False) if fit and gain > KIN_NATS else None
-        if fit or of_another_form(chosen, weighed.base):
-            return _Several(chosen, fit)
-    return None
-
-
 def _needed_beside_discrepancy(weighed: Weighed, group: list[str]) -> list[str]:
     """The fewest effects of which one is needed even with a discrepancy of unknown shape beside every model."""
-    each = (1.0 - PRIOR_NONE - PRIOR_UNKNOWN) / (len(weighed.singles) + len(weighed.untestable))
+    each = PRIOR_EFFECTS / (len(weighed.singles) + len(weighed.untestable))
     logs = {UNKNOWN: np.log(PRIOR_UNKNOWN) + weighed.base.beside_discrepancy.log_evidence}
     leaders = sorted(weighed.singles, key=lambda c: -c.alone.log_evidence)[:LEADERS]
     leaders += [c for c in weighed.singles if c.name in group and c not in leaders]
     logs |= {c.name: np.log(each) + c.beside_discrepancy.log_evidence for c in leaders}
-    return _credible(_normalised(logs))
+    return _credible(posterior(logs))
 
 
 def _credible(probabilities: dict[str, float]) -> list[str]:
@@ -387,7 +218,7 @@ def _remainder(problem: Problem, winner: Candidate, base: Candidate) -> float:
     return float(np.sqrt(max(np.sum(left[data.of(w)] ** 2) for w in data.witnesses) / explained))
 
 
-def _name_several(several: _Several, places: list[dict[str, float]], probabilities: dict[str, float]) -> Verdict:
+def _name_several(several: Several, places: list[dict[str, float]], probabilities: dict[str, float]) -> Verdict:
     """Each effect by its own name, with what may stand in its place."""
     found = several.found
     names = [kind.name for kind in found.kinds]
@@ -397,7 +228,7 @@ def _name_several(several: _Several, places: list[dict[str, float]], probabiliti
             shares[name] += SEVERAL_CERTAIN / len(names) * share / sum(place.values())
     others = {name: value for name, value in probabilities.items() if shares[name] == 0.0}
     left = (1.0 - SEVERAL_CERTAIN) / max(sum(others.values()), 1e-300)
-    updated = _shares({name: share or left * probabilities[name] for name, share in shares.items()})
+    updated = ranked({name: share or left * probabilities[name] for name, share in shares.items()})
     group = {name: [other for other in place if other != name] for name, place in zip(names, places, strict=True)}
     count = {2: "two", 3: "three"}[len(names)]
     verdict = "ambiguous"

@@ -21,7 +21,8 @@ from model.diagnosis.proof import Proof, prove
 from model.diagnosis.rival import left_beside
 from model.diagnosis.sessions import inflation, names, split_sessions, unlike_sessions
 from model.diagnosis.space import STRAY, Nuisance, Predictor, nuisances
-from model.diagnosis.verdict import Verdict, Weighed, decide
+from model.diagnosis.verdict import Verdict, decide
+from model.diagnosis.weighing import Weighed
 from model.diagnosis.where import Disagreement, disagreement, neighbour_correlation
 from model.diagnosis.witness import CURRENT, FRICTION
 from model.effects import CATALOGUE, Effect

@@ -20,6 +20,7 @@ from cosmic_ray.work_db import WorkDB, use_db
 from cosmic_ray.work_item import TestOutcome, WorkerOutcome, WorkItem, WorkResult
 
 ROOT = Path(__file__).resolve().parents[2]
+WEIGHING = [f"tests/model/diagnosis/test_{name}.py" for name in ("adequate", "weighing", "report")]
 RIG = [f"tests/haptic_driver/rig/test_{name}.py" for name in ("rig", "actuator", "rig_faults")]
 COPIES = 2
 TIMEOUT_S = 180.0  # a fault that hangs is noticed, too
@@ -45,9 +46,9 @@ TESTS = {
     "model/solver.py": ["tests/model/test_solver.py", "tests/model/test_limits.py"],
     "model/electric/current.py": ["tests/model/electric"],
     "model/friction.py": ["tests/model/test_friction.py"],
-    "model/diagnosis/verdict.py": [
-        f"tests/model/diagnosis/test_{name}.py" for name in ("adequate", "weighing", "report")
-    ],
+    "model/diagnosis/verdict.py": WEIGHING,
+    "model/diagnosis/weighing.py": WEIGHING,
+    "model/diagnosis/several.py": [*WEIGHING, "tests/model/diagnosis/test_several.py"],
 }  # fmt: skip
 
 

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.special import exp1
 
+from model.diagnosis.naming import APART
 from model.diagnosis.separation import Pair, by_block, choose, weights
-from model.diagnosis.verdict import APART
 from model.support.arrays import Array
 
 STEP = 1e-5  # of finite differences, in prior standard deviations

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from model.diagnosis.verdict import DISCREPANCY_WINS, LACK_OF_FIT, MENDED, adequate, of_another_form
+from model.diagnosis.weighing import DISCREPANCY_WINS, LACK_OF_FIT, MENDED, adequate, of_another_form
 
 
 @pytest.mark.parametrize(

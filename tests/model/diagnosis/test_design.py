@@ -12,9 +12,9 @@ from model.conditions import Conditions
 from model.description import read_model
 from model.diagnosis.data import Measurements, read_measurements
 from model.diagnosis.design import Pool, design_for_unseen
+from model.diagnosis.naming import APART
 from model.diagnosis.separation import Pair, Told
 from model.diagnosis.space import Predictor
-from model.diagnosis.verdict import APART
 from model.diagnosis.workflow import diagnose
 from model.effects import BY_NAME, CATALOGUE
 from model.effects.interventions import INTERVENTIONS

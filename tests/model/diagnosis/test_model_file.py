@@ -18,7 +18,8 @@ from model.diagnosis.noise import Noise
 from model.diagnosis.proof import Proof
 from model.diagnosis.rival import Evidence
 from model.diagnosis.space import FINGER, NUISANCES, Predictor
-from model.diagnosis.verdict import Verdict, Weighed
+from model.diagnosis.verdict import Verdict
+from model.diagnosis.weighing import Weighed
 from model.diagnosis.where import Disagreement
 from model.diagnosis.workflow import Diagnosis, Findings
 from model.effects import BY_NAME, Effect

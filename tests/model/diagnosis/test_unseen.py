@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from model.diagnosis.naming import NO_TRACE, PRIOR_EFFECTS, PRIOR_NONE, UNKNOWN, unseen
 from model.diagnosis.space import FARTHEST
-from model.diagnosis.verdict import Weighed
+from model.diagnosis.weighing import Weighed
 from model.effects import BY_NAME
 
 EFFECT = BY_NAME["drive_gain_error"]  # of one parameter

@@ -18,18 +18,9 @@ from model.diagnosis.naming import (
     SURE,
     could_stand_for,
 )
-from model.diagnosis.several import ANOTHER
-from model.diagnosis.verdict import (
-    ANOTHER_NATS,
-    BESIDE_A_FIT_NATS,
-    DISCREPANCY_WINS,
-    MENDED,
-    MIMICS,
-    PARTICULAR,
-    SEVERAL_CERTAIN,
-    Weighed,
-    of_its_form,
-)
+from model.diagnosis.several import ANOTHER, ANOTHER_NATS, BESIDE_A_FIT_NATS, is_explanation, several_effects
+from model.diagnosis.verdict import SEVERAL_CERTAIN
+from model.diagnosis.weighing import DISCREPANCY_WINS, MENDED, MIMICS, PARTICULAR, Weighed, of_its_form
 from model.effects import BY_NAME
 
 FAR = -1000.0  # evidence of what plays no part
@@ -129,7 +120,7 @@ def test_three_effects_explain_only_by_the_catalogues_exact_form(
     found = made("a", 0.0, kinds=(kind("a"),) * count)
     found.alone.exact = 0.0 if exact else -10.0
     several = SimpleNamespace(found=found, fits=fits)
-    assert verdict._is_explanation(several, made("none", -200.0, -100.0)) is explains  # type: ignore[arg-type]
+    assert is_explanation(several, made("none", -200.0, -100.0)) is explains  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("share", "names"), [(1.1, ["a"]), (0.9, [])])
@@ -199,7 +190,7 @@ def test_two_effects_are_named_where_a_discrepancy_beside_them_only_mends_their_
     base = made("none", -900.0, alone - own * MENDED * 10.0)
     search = SimpleNamespace(best_with_one_more=lambda chosen: two if chosen is one else None, gain=lambda more: 90.0)
     weighed = Weighed(base, [one], [])  # type: ignore[arg-type, list-item]
-    found = verdict._several(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
+    found = several_effects(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == ((two, False, True) if named else None)
 
 
@@ -215,7 +206,7 @@ def test_two_effects_that_fit_are_certain_where_the_second_does_more_than_someth
     two = made("a+b", -100.0 + log(PRIOR_UNKNOWN) - ANOTHER + odds, kinds=(*one.kinds, kind("b", stage="contact")))
     search = SimpleNamespace(best_with_one_more=lambda chosen: two, gain=lambda more: KIN_NATS + 0.1)
     weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
-    found = verdict._several(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
+    found = several_effects(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == (None if certain is None else (two, True, certain))
 
 
@@ -229,7 +220,7 @@ def test_beside_one_that_fits_a_second_effect_must_be_worth_more_than_a_form_tha
     two = made("a+b", -100.0 - ANOTHER + nats + beyond, kinds=(*one.kinds, kind("b", stage=place)))
     search = SimpleNamespace(best_with_one_more=lambda chosen: two, gain=lambda more: ANOTHER_NATS + 0.1)
     weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
-    found = verdict._several(search, weighed, True, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
+    found = several_effects(search, weighed, True, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == ((two, True, True) if named else None)
 
 
