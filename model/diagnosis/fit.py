@@ -6,7 +6,7 @@ The noise scale is integrated out: -(n + nu)/2 log(1 + chi^2/nu) replaces -chi^2
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from model.diagnosis.noise import Noise
-from model.diagnosis.smooth import discrepancy_terms, smooth_terms
+from model.diagnosis.smooth import discrepancy_terms, roots, smooth_terms, standardised
 from model.diagnosis.space import FARTHEST, Predictor
 from model.effects import Effect
 from model.support.arrays import Array, Mask
@@ -73,12 +73,16 @@ class _Nearby(NamedTuple):
 
 
 class Problem:
-    """One data set with its noise: what every fit shares."""
+    """One data set with its noise: what every fit shares.
 
-    def __init__(self, predictor: Predictor, observed: Array, noise: Noise) -> None:
+    `loose` [n, m]: whitened directions in which predictions may be off besides, each with weights of unit variance.
+    """
+
+    def __init__(self, predictor: Predictor, observed: Array, noise: Noise, loose: Array | None = None) -> None:
         self.predictor = predictor
         self.observed = observed
         self.noise = noise
+        self._loose = None if loose is None else np.linalg.svd(loose, full_matrices=False)[:2]
 
     @cached_property
     def discrepancy(self) -> list[Array]:
@@ -90,11 +94,32 @@ class Problem:
         """Smooth functions of each input, as `smooth_terms` gives them."""
         return smooth_terms(self.predictor.data)
 
+    @cached_property
+    def smooth_in_frequency(self) -> Array:
+        """Smooth functions of frequency alone where there is voltage, the same for all witnesses [n, m]."""
+        data = self.predictor.data
+        if not data.varies("frequency_hz"):
+            return np.zeros((data.count, 0))
+        return roots(standardised(data, "frequency_hz")[:, None]) * data.driven[:, None]
+
     def whitened(self, kinds: Sequence[type[Effect]], vectors: Array) -> Array:
         """Whitened residuals [m, n] of parameter vectors [m, k]; unsolvable rows are far off, never NaN."""
         raw = self.predictor.less(self.observed, self.predictor.predicted(kinds, vectors))
         raw = np.where(np.isfinite(raw), raw, BAD * self.noise.own_std)
-        return self.noise.whiten(raw.T).T
+        white = self.noise.whiten(raw.T).T
+        if self._loose is None:
+            return white
+        along, size = self._loose
+        return np.asarray(white - (white @ along * (1.0 - 1.0 / np.sqrt(1.0 + size**2))) @ along.T)
+
+    def refitted(self, fit: Fit, loose: Array) -> Fit:
+        """`fit` moved to where it is most probable if predictions may be off by `loose` [n, m] as well.
+
+        Its chi^2 and scale are of what that leaves; residuals and Jacobian are whole.
+        """
+        moved = Problem(self.predictor, self.observed, self.noise, loose).fit(fit.kinds, fit.vector)
+        residuals, jacobians = self.linearised(fit.kinds, moved.vector[None])
+        return replace(moved, residual=residuals[0], jacobian=jacobians[0])
 
     def cost(self, chi2: Array | float, vectors: Array) -> Array:
         """-log posterior of parameter vectors, scale integrated out."""

@@ -1,9 +1,14 @@
 """What a form may be off: no finger or device has quite the catalogue's.
 
-An effect's signature is what it adds to the prediction. Beside it stands a smooth share of that signature of unknown
-shape, for every witness its own: a Gaussian process over each input that varies, times the signature's size. Where the
-signature grows faster than the effect's strength, the size is what that share of the strength would change, up to twice
-as much. It cannot add anything where the effect does nothing, which tells it from a discrepancy of unknown shape.
+An effect's signature is what it adds to the prediction. Its form may be off in two ways, as far as the effect does
+something at all, which tells both from a discrepancy of unknown shape:
+
+Each witness apart: a smooth share of the signature of unknown shape, a Gaussian process over each input that varies,
+times the signature's size. Where the signature grows faster than the effect's strength, the size is what that share of
+the strength would change, up to twice as much.
+
+All witnesses together, of what electricity does: the effect's strength depends smoothly on frequency, in amount and in
+phase, as an element's may whose circuit the catalogue does not know; what that changes follows from the model.
 """
 
 from __future__ import annotations
@@ -20,25 +25,51 @@ from model.support.arrays import Array
 
 STEP = 1e-3  # of an effect's strength
 MOST_BY_STRENGTH = 2.0  # times the signature, as of a square: what sets in suddenly could else look like much
+ELECTRICAL = ("drive", "stack", "air gap", "pressure", "load")  # stages whose effects frequency reaches
 COMPLEX = ((CURRENT, CURRENT_PHASE), (VOLTAGE, VOLTAGE_PHASE))  # of one number: what is off in either shows in both
 
 
-def form_terms(problem: Problem, fit: Fit) -> Array:
-    """What the forms of a fitted model's effects may be off, whitened [n, k], per unit of their signatures."""
-    parts = [problem.noise.whiten(size[:, None] * problem.smooth) for size in _sizes(problem, fit)]
-    return compressed(np.concatenate(parts, axis=1)) if parts else np.zeros((fit.residual.size, 0))
+def form_terms(problem: Problem, fit: Fit) -> list[Array]:
+    """What the forms of a fitted model's effects may be off, whitened [n, k], per unit of their signatures or strength.
+
+    First each witness apart, then all together; none where no effect does anything.
+    """
+    apart, together = [], []
+    for i, kind in enumerate(fit.kinds):
+        size, changes = _size_and_changes(problem, fit, i)
+        apart.append(size[:, None] * problem.smooth)
+        alike = [change[:, None] * problem.smooth_in_frequency for change in changes]
+        together.append(np.hstack(alike) if kind.stage in ELECTRICAL else apart[-1])
+    ways = [apart] if all(kind.stage not in ELECTRICAL for kind in fit.kinds) else [apart, together]
+    terms = [compressed(problem.noise.whiten(np.hstack(parts))) for parts in ways if parts]
+    return [term for term in terms if term.shape[1]]
 
 
-def _sizes(problem: Problem, fit: Fit) -> list[Array]:
-    """Size [n] of each effect's signature, or of what its strength changes where that is more, up to twice as much."""
+def _size_and_changes(problem: Problem, fit: Fit, i: int) -> tuple[Array, tuple[Array, Array]]:
+    """Size of the i-th effect's signature, or of what its strength changes where that is more, up to twice as much [n].
+
+    And what its strength changes by its amount and by its phase [n], up to twice the signature.
+    """
     data, predictor = problem.predictor.data, problem.predictor
     whole = predictor.predicted(fit.kinds, fit.vector[None])[0]
-    sizes = []
-    for i in range(len(fit.kinds)):
-        signature = _size(data, predictor.less(whole, _without(problem, fit, i)))
-        by_strength = _size(data, predictor.less(_stronger(problem, fit, i), whole) / STEP)
-        sizes.append(np.clip(by_strength, signature, MOST_BY_STRENGTH * signature))
-    return sizes
+    signature = _size(data, predictor.less(whole, _without(problem, fit, i)))
+    change = np.nan_to_num(predictor.less(_stronger(problem, fit, i), whole) / STEP)
+    by_strength = _size(data, change)
+    change = change * np.minimum(1.0, MOST_BY_STRENGTH * signature / np.maximum(by_strength, 1e-300))
+    return np.clip(by_strength, signature, MOST_BY_STRENGTH * signature), (change, _turned(data, change))
+
+
+def _turned(data: Measurements, change: Array) -> Array:
+    """Changes of complex numbers, as logarithm and angle, a quarter turn on [n]; 0 for others, and of half a number."""
+    turned = np.zeros(change.size)
+    if data.witness is None or data.row is None:
+        return turned
+    for amount, angle in COMPLEX:
+        for of, to, sign in ((amount, angle, 1.0), (angle, amount, -1.0)):
+            by_row = np.zeros(data.row.max() + 1)
+            by_row[data.row[data.witness == of]] = change[data.witness == of]
+            turned[data.witness == to] = sign * by_row[data.row[data.witness == to]]
+    return turned
 
 
 def _first(problem: Problem, fit: Fit, i: int) -> int:

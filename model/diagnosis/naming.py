@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -42,12 +42,14 @@ def words(name: str) -> str:
 class Candidate:
     """One model, fitted: its own evidence, and with a discrepancy of unknown shape beside it.
 
-    `bent` [n, m]: what its form may be off, whitened, as far as the data ask for it.
+    `bent` [n, m]: what its form may be off, whitened, as far as the data ask for it; `around`: the most probable
+    parameters with that, which evidences are linear about. `fit` is of the exact form.
     """
 
     kinds: tuple[type[Effect], ...]
     fit: Fit
     alone: Evidence
+    around: Fit
     bent: Array
     _beside: Callable[[], Evidence]
 
@@ -63,12 +65,28 @@ class Candidate:
 
 
 def candidate(problem: Problem, kinds: tuple[type[Effect], ...], fit: Fit) -> Candidate:
-    """Weigh one fitted model."""
+    """Weigh one fitted model.
+
+    Where its form is off, the finger and the gains are bent to make up for that in `fit`; once more where they need
+    not.
+    """
+    around, (alone, bent) = fit, _weigh(problem, fit)
+    if alone.bend:
+        again = problem.refitted(fit, bent)
+        better, its_bent = _weigh(problem, again)
+        if better.log_evidence > alone.log_evidence:
+            around, alone, bent = again, replace(better, exact=alone.exact), its_bent
     noise = problem.noise
-    form = form_terms(problem, fit)
-    alone = evidence(fit, noise, form)
-    bent = alone.bend * form[:, : form.shape[1] if alone.bend else 0]
-    return Candidate(kinds, fit, alone, bent, lambda: evidence_beside(fit, noise, problem.discrepancy, bent))
+    return Candidate(
+        kinds, fit, alone, around, bent, lambda: evidence_beside(around, noise, problem.discrepancy, bent, alone)
+    )
+
+
+def _weigh(problem: Problem, fit: Fit) -> tuple[Evidence, Array]:
+    """Evidence about one fit, and what the form may be off as far as the data ask for it [n, m]."""
+    forms = form_terms(problem, fit)
+    found = evidence(fit, problem.noise, forms)
+    return found, found.bend * forms[found.way] if found.bend else np.zeros((fit.residual.size, 0))
 
 
 def could_stand_for(rival: Candidate, best: Candidate, without: Candidate, fits: bool = True) -> bool:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import gammaln, logsumexp
@@ -12,9 +13,9 @@ from model.diagnosis.noise import Noise
 from model.diagnosis.smooth import AMPLITUDES
 from model.support.arrays import Array
 
-FORM_ERRORS = (0.0, 0.025, 0.05, 0.1)  # of an effect's signature that its form may be off
+FORM_ERRORS = (0.025, 0.05, 0.1)  # of an effect's signature or strength that its form may be off
 ROUGH = (0.2, 0.4)  # and what would have to be off for a discrepancy of unknown shape to look like one
-FORMS = (FORM_ERRORS, ROUGH)
+EXACT = 0.25  # prior of a form that is the catalogue's
 ROUNDING = 1e-11  # of squared singular values, as a share of the largest
 SCALES = np.exp(np.linspace(np.log(0.2), np.log(5.0), 41))  # of the noise, integrated over
 
@@ -23,8 +24,8 @@ SCALES = np.exp(np.linspace(np.log(0.2), np.log(5.0), 41))  # of the noise, inte
 class Evidence:
     """log evidence, with the noise scale and any discrepancy amplitude integrated out, and where it lies.
 
-    `bend`: share of its signature that a model's form is off; `rough`: log evidence with a form far off, `exact` with
-    none that is off.
+    `bend`: share that a model's form is off, in the way of that number, and `bent` the log evidence with that alone;
+    `rough`: log evidence with a form far off, `exact` with none that is off.
     """
 
     log_evidence: float
@@ -32,28 +33,49 @@ class Evidence:
     amplitude: float
     term: int = -1
     bend: float = 0.0
+    way: int = 0
+    bent: float = np.inf
     rough: float = -np.inf
     exact: float = np.inf
 
 
-def evidence(fit: Fit, noise: Noise, form: Array | None = None) -> Evidence:
-    """Evidence of a fitted model, linear around its most probable parameters; `form` [n, m]: what its form may be off.
+def evidence(fit: Fit, noise: Noise, forms: Sequence[Array] = ()) -> Evidence:
+    """Evidence of a fitted model, linear around its most probable parameters; `forms` [n, m]: ways its form may be off.
+
+    Each witness apart first.
 
     Every model of a data set is judged by this one formula, so that differences mean something.
     """
     target = fit.residual + fit.jacobian @ fit.vector
-    if form is None or form.shape[1] == 0:
-        logs = _by_scale(target, fit.jacobian, noise)
-        return Evidence(float(logsumexp(logs)), float(SCALES[np.argmax(logs)]), 0.0)
-    logs, rough = (np.array([_by_scale(target, _spread(fit, b, form), noise) for b in bends]) for bends in FORMS)
-    bend, scale = np.unravel_index(np.argmax(logs), logs.shape)
-    total, total_rough = (float(logsumexp(each)) - np.log(len(each)) for each in (logs, rough))
-    exact = float(logsumexp(logs[0]))
-    return Evidence(total, float(SCALES[scale]), 0.0, bend=FORM_ERRORS[bend], rough=total_rough, exact=exact)
+    by_scale = _by_scale(target, fit.jacobian, noise)
+    exact, scale = float(logsumexp(by_scale)), float(SCALES[np.argmax(by_scale)])
+    if not forms:
+        return Evidence(exact, scale, 0.0, bent=exact)
+
+    def bent(form: Array, bends: Sequence[float]) -> Array:
+        return np.array([_by_scale(target, np.hstack([fit.jacobian, bend * form]), noise) for bend in bends])
+
+    off = np.array([bent(form, FORM_ERRORS) for form in forms])
+    each = logsumexp(off, axis=2)
+    rough = _mean(logsumexp(bent(forms[0], ROUGH), axis=1))  # in what is unknown, witnesses need not agree
+    total = float(np.logaddexp(np.log(EXACT) + exact, np.log1p(-EXACT) + _mean(each)))
+    found = Evidence(total, scale, 0.0, bent=exact, rough=rough, exact=exact)
+    if each.max() <= exact:
+        return found
+    way, bend = np.unravel_index(np.argmax(each), each.shape)
+    scale = float(SCALES[np.argmax(off[way, bend])])
+    return replace(found, scale=scale, bend=FORM_ERRORS[bend], way=int(way), bent=float(each.max()))
 
 
-def evidence_beside(fit: Fit, noise: Noise, discrepancy: list[Array], bent: Array) -> Evidence:
-    """The same with a discrepancy of unknown shape beside the model; `bent` [n, m]: what its form is off."""
+def _mean(logs: Array) -> float:
+    return float(logsumexp(logs) - np.log(logs.size))
+
+
+def evidence_beside(fit: Fit, noise: Noise, discrepancy: list[Array], bent: Array, alone: Evidence) -> Evidence:
+    """The same with a discrepancy of unknown shape beside the model; `bent` [n, m]: what its form is off.
+
+    By what the discrepancy adds to a form that is off by that, so that all forms count in both.
+    """
     target = fit.residual + fit.jacobian @ fit.vector
     own = np.concatenate([fit.jacobian, bent], axis=1)
     logs = np.array(
@@ -64,12 +86,8 @@ def evidence_beside(fit: Fit, noise: Noise, discrepancy: list[Array], bent: Arra
     )
     term, amplitude, scale = np.unravel_index(np.argmax(logs), logs.shape)
     per_term = logsumexp(logs, axis=(1, 2)) - np.log(len(AMPLITUDES))
-    total = float(logsumexp(per_term + np.log(_shares(len(discrepancy)))))
-    return Evidence(total, float(SCALES[scale]), AMPLITUDES[amplitude], int(term))
-
-
-def _spread(fit: Fit, bend: float, form: Array) -> Array:
-    return fit.jacobian if bend == 0.0 else np.concatenate([fit.jacobian, bend * form], axis=1)
+    adds = float(logsumexp(per_term + np.log(_shares(len(discrepancy))))) - alone.bent
+    return Evidence(alone.log_evidence + adds, float(SCALES[scale]), AMPLITUDES[amplitude], int(term))
 
 
 def _shares(count: int) -> Array:

@@ -210,9 +210,9 @@ def _remainder(problem: Problem, winner: Candidate, base: Candidate) -> float:
     In the witness where that is most: each adds directions in which the discrepancy follows the noise. Both whitened;
     directions in which the winner's own parameters move the prediction do not count.
     """
-    left = discrepancy_mean(winner.fit, winner.beside_discrepancy, problem.discrepancy)
+    left = discrepancy_mean(winner.around, winner.beside_discrepancy, problem.discrepancy)
     data = problem.predictor.data
-    own, _ = np.linalg.qr(winner.fit.jacobian)
+    own, _ = np.linalg.qr(winner.around.jacobian)
     left = left - own @ (own.T @ left)
     explained = max(base.fit.chi2 - winner.fit.chi2, 1e-9)
     return float(np.sqrt(max(np.sum(left[data.of(w)] ** 2) for w in data.witnesses) / explained))

@@ -101,7 +101,7 @@ def diagnose(
     weighed = Weighed(base, singles, untestable, {kind.name: unseen(problem, base, kind) for kind in kinds})
 
     def scan(found: Candidate) -> Disagreement:
-        return disagreement(data, noise, found.fit, found.bent, seed)
+        return disagreement(data, noise, found.around, found.bent, seed)
 
     verdict = decide(problem, weighed, before, scan, progress)
     leaders = sorted(singles, key=lambda c: -c.alone.log_evidence)[:LEADERS]

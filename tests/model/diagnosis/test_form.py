@@ -1,13 +1,25 @@
-"""What a form may be off: a share of its signature, or of what its strength changes where that is more."""
+"""What a form may be off: a share of its signature, or of what its strength changes where that is more.
+
+Or a strength that depends on frequency, which all witnesses see alike.
+"""
 
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from model.description import read_model
+from model.diagnosis.data import read_measurements
+from model.diagnosis.fit import Problem
 from model.diagnosis.form import form_terms
+from model.diagnosis.naming import candidate
+from model.diagnosis.noise import noise_of
+from model.diagnosis.rival import evidence
+from model.diagnosis.space import Predictor
+from model.diagnosis.witness import CURRENT, CURRENT_PHASE
 from model.effects import BY_NAME
 from model.support.arrays import Array
 
@@ -28,12 +40,16 @@ def size(kind: Any, x: float, answer: Callable[[Any, Array], Array]) -> Array:
     data = SimpleNamespace(witness=None, row=None)
     predictor = SimpleNamespace(data=data, free=(), predicted=predicted, less=lambda a, b: a - b)
     problem: Any = SimpleNamespace(
-        predictor=predictor, noise=SimpleNamespace(whiten=lambda v: v), smooth=np.ones((VOLTAGES.size, 1))
+        predictor=predictor,
+        noise=SimpleNamespace(whiten=lambda v: v),
+        smooth=np.ones((VOLTAGES.size, 1)),
+        smooth_in_frequency=np.zeros((VOLTAGES.size, 0)),
     )
     vector = np.zeros(len(kind.parameters()))
     vector[0] = x
     fit: Any = SimpleNamespace(kinds=(kind,), vector=vector, residual=np.zeros(VOLTAGES.size))
-    return np.abs(form_terms(problem, fit)[:, 0])
+    (apart,) = form_terms(problem, fit)
+    return np.abs(apart[:, 0])
 
 
 @pytest.mark.parametrize("x", [-1.0, 0.0, 0.7])
@@ -62,3 +78,56 @@ def test_a_gain_is_off_by_a_share_of_what_it_is_beyond_one(x: float) -> None:
 
 def test_where_an_effect_does_nothing_its_form_is_not_off() -> None:
     assert size(NONLINEAR, 0.0, lambda v0, v: np.where(v > 50.0, v / v0, 0.0))[VOLTAGES <= 50.0] == pytest.approx(0.0)
+
+
+# A resistance in series with the electrode, as friction, current and its phase see it.
+REFERENCE = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
+FREQUENCIES = np.logspace(1.0, 5.5, 19)
+RESISTANCE, NOISE, STRENGTH = BY_NAME["series_resistance"], 0.01, 2.0
+
+
+def observed(tmp_path: Path, off: complex) -> tuple[Problem, Array]:
+    """A problem of a resistance with a share of itself more that swings with frequency, 1 % noise; and its vector."""
+    header = "frequency_hz,voltage_v,normal_force_n,cof,cof_std,current_a,current_phase_rad"
+    rows = [f"{f:.8g},75,0.5,0.5,{0.5 * NOISE},1e-5,1.0" for f in FREQUENCIES for _ in range(6)] + [
+        "250,0,0.5,0.5,0.005,,"
+    ] * 4
+    path = tmp_path / "data.csv"
+    path.write_text("\n".join([header, *rows]) + "\n")
+    data = read_measurements(path)
+    noise = noise_of(data)
+    assert noise is not None
+    predictor = Predictor(REFERENCE, data)
+    vector = np.append(np.zeros(len(predictor.free)), STRENGTH)
+    values = predictor.predicted((RESISTANCE,), vector[None])[0]
+    shift = 0.01  # of the logarithm of the resistance: small enough to be linear, so that a complex one is as well
+    step = np.append(np.zeros(len(predictor.free)), shift / RESISTANCE.parameters()[0].std)
+    change = (predictor.predicted((RESISTANCE,), (vector + step)[None])[0] - values) / shift
+    more = off * np.sin(np.log10(np.maximum(data.columns["frequency_hz"], 1.0)))
+    current, angle = data.of(CURRENT), data.of(CURRENT_PHASE)
+    values += np.real(more) * change
+    values[current] -= np.imag(more[current]) * change[angle]
+    values[angle] += np.imag(more[angle]) * change[current]
+    values += noise.own_std * np.random.default_rng(5).standard_normal(values.size)
+    return Problem(predictor, values, noise), vector
+
+
+@pytest.mark.parametrize("turn", [1.0, 1j], ids=["amount", "phase"])
+def test_a_strength_that_depends_on_frequency_is_seen_by_all_witnesses_alike(tmp_path: Path, turn: complex) -> None:
+    """A body that loses a little was named with a Johnsen-Rahbek effect, which gave its current the phase."""
+    problem, vector = observed(tmp_path, 0.2 * turn)
+    found = candidate(problem, (RESISTANCE,), problem.fit((RESISTANCE,), vector))
+    apart, together = form_terms(problem, found.around)
+    logs = [evidence(found.around, problem.noise, ways).log_evidence for ways in ((), (apart,), (together,))]
+    assert logs[2] == max(logs)
+    assert found.alone.way == 1
+    assert found.alone.log_evidence > found.alone.exact + 5.0
+    shifts = [np.linalg.norm(fit.vector[: len(problem.predictor.free)]) for fit in (found.fit, found.around)]
+    assert shifts[1] < shifts[0]  # the finger need not make up for what the form is off
+
+
+def test_a_form_that_is_not_off_is_the_exact_one(tmp_path: Path) -> None:
+    problem, vector = observed(tmp_path, 0.0)
+    found = candidate(problem, (RESISTANCE,), problem.fit((RESISTANCE,), vector))
+    assert found.alone.log_evidence < found.alone.exact
+    assert found.around.vector == pytest.approx(found.fit.vector, abs=0.3)

@@ -50,10 +50,8 @@ def fit(kinds: tuple[type[Effect], ...], vector: Array) -> Fit:
 
 def diagnosis(verdict: str | None, *names: str) -> Diagnosis:
     def found(kinds: tuple[type[Effect], ...]) -> Candidate:
-        size = len(NUISANCES) + sum(len(k.parameters()) for k in kinds)
-        return Candidate(
-            kinds, fit(kinds, VECTOR[:size]), Evidence(5.0, 1.0, 0.0), np.zeros((1, 0)), lambda: Evidence(4.0, 1.0, 0.0)
-        )
+        at = fit(kinds, VECTOR[: len(NUISANCES) + sum(len(k.parameters()) for k in kinds)])
+        return Candidate(kinds, at, Evidence(5.0, 1.0, 0.0), at, np.zeros((1, 0)), lambda: Evidence(4.0, 1.0, 0.0))
 
     kinds = tuple(BY_NAME[name] for name in names)
     probabilities = {"none": 0.01, "unknown": 0.01} | {name: 0.98 / len(names) for name in names}

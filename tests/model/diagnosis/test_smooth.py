@@ -66,7 +66,7 @@ def test_a_force_that_drifts_shows_by_how_much_of_friction_is_the_forces(tmp_pat
     noise = noise_of(data)
     assert noise is not None
     unaware = discrepancy_terms(data, noise, data.driven.astype(float))
-    without = evidence_beside(base.fit, noise, unaware, np.zeros((data.count, 0)))
+    without = evidence_beside(base.fit, noise, unaware, np.zeros((data.count, 0)), base.alone)
     assert base.beside_discrepancy.log_evidence > without.log_evidence + 5.0
 
 
