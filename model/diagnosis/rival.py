@@ -13,7 +13,7 @@ from model.diagnosis.noise import Noise
 from model.diagnosis.smooth import AMPLITUDES
 from model.support.arrays import Array
 
-FORM_ERRORS = (0.025, 0.05, 0.1)  # of an effect's signature or strength that its form may be off
+FORM_ERRORS = (0.025, 0.05, 0.1), (0.05, 0.1, 0.2)  # of an effect's signature, or strength, that its form may be off
 ROUGH = (0.2, 0.4)  # and what would have to be off for a discrepancy of unknown shape to look like one
 EXACT = 0.25  # prior of a form that is the catalogue's
 ROUNDING = 1e-11  # of squared singular values, as a share of the largest
@@ -55,7 +55,7 @@ def evidence(fit: Fit, noise: Noise, forms: Sequence[Array] = ()) -> Evidence:
     def bent(form: Array, bends: Sequence[float]) -> Array:
         return np.array([_by_scale(target, np.hstack([fit.jacobian, bend * form]), noise) for bend in bends])
 
-    off = np.array([bent(form, FORM_ERRORS) for form in forms])
+    off = np.array([bent(form, errors) for form, errors in zip(forms, FORM_ERRORS, strict=False)])
     each = logsumexp(off, axis=2)
     rough = _mean(logsumexp(bent(forms[0], ROUGH), axis=1))  # in what is unknown, witnesses need not agree
     total = float(np.logaddexp(np.log(EXACT) + exact, np.log1p(-EXACT) + _mean(each)))
@@ -64,7 +64,7 @@ def evidence(fit: Fit, noise: Noise, forms: Sequence[Array] = ()) -> Evidence:
         return found
     way, bend = np.unravel_index(np.argmax(each), each.shape)
     scale = float(SCALES[np.argmax(off[way, bend])])
-    return replace(found, scale=scale, bend=FORM_ERRORS[bend], way=int(way), bent=float(each.max()))
+    return replace(found, scale=scale, bend=FORM_ERRORS[way][bend], way=int(way), bent=float(each.max()))
 
 
 def _mean(logs: Array) -> float:

@@ -13,6 +13,7 @@ from scipy.special import logsumexp
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.naming import (
     KIN_NATS,
+    NEAR_NATS,
     PRIOR_EFFECTS,
     PRIOR_UNKNOWN,
     STARTS,
@@ -31,7 +32,7 @@ MOST = 3  # effects at once
 FITTED = 6  # of those beside others: the most promising
 ANOTHER = float(np.log(PRIOR_EFFECTS / len(CATALOGUE)))  # log prior of one more: as of the first
 ANOTHER_NATS = 3.0  # that one more effect must be worth, its prior counted; SURE has as many,
-BESIDE_A_FIT_NATS = 6.0  # and that beside one that fits alone; pilot sets: none of 52 says 5, pairs 10 up
+BESIDE_A_FIT_NATS = 5.0  # and that beside one that fits alone; pilot sets: none of 154 says 4, pairs 5 up
 MOST_NAMED = 2  # effects at once: of sets of three there are a thousand
 
 
@@ -189,7 +190,7 @@ def several_effects(
         if gain <= ANOTHER_NATS:
             return None
         least = BESIDE_A_FIT_NATS if one_fits else ANOTHER_NATS
-        enough = KIN_NATS if len({kind.stage for kind in more.kinds}) < len(more.kinds) else least
+        enough = NEAR_NATS if len({kind.stage for kind in more.kinds}) < len(more.kinds) else least
         if one_fits:
             over = more.alone.log_evidence - chosen.alone.log_evidence
             return Several(more, fits(more)) if over + ANOTHER > enough else None

@@ -210,7 +210,7 @@ def test_two_effects_that_fit_are_certain_where_the_second_does_more_than_someth
     assert found == (None if certain is None else (two, True, certain))
 
 
-@pytest.mark.parametrize(("place", "nats"), [("contact", BESIDE_A_FIT_NATS), ("drive", KIN_NATS)])
+@pytest.mark.parametrize(("place", "nats"), [("contact", BESIDE_A_FIT_NATS), ("drive", NEAR_NATS)])
 @pytest.mark.parametrize(("beyond", "named"), [(0.1, True), (-0.1, False)])
 def test_beside_one_that_fits_a_second_effect_must_be_worth_more_than_a_form_that_is_off(
     place: str, nats: float, beyond: float, named: bool
