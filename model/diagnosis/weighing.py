@@ -117,8 +117,8 @@ def mimic(candidate: Candidate, base: Candidate) -> float:
 
 
 def of_its_form(candidate: Candidate, base: Candidate) -> bool:
-    """Whether effects explain the data by their own form, rather than something unknown that looks like them."""
-    odds = candidate.alone.log_evidence - mimic(candidate, base) - np.log(MIMICS)
+    """Whether effects explain the data by their own form, rather than something unknown that looks like one of them."""
+    odds = candidate.alone.log_evidence - mimic(candidate, base) - np.log(MIMICS * len(candidate.kinds))
     return bool(odds >= np.log(SURE / (1.0 - SURE)))
 
 

@@ -17,7 +17,7 @@ from model.diagnosis.fit import Problem
 from model.diagnosis.form import form_terms
 from model.diagnosis.naming import candidate
 from model.diagnosis.noise import noise_of
-from model.diagnosis.rival import evidence
+from model.diagnosis.rival import evidence, evidence_beside
 from model.diagnosis.space import Predictor
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE
 from model.effects import BY_NAME
@@ -131,3 +131,13 @@ def test_a_form_that_is_not_off_is_the_exact_one(tmp_path: Path) -> None:
     found = candidate(problem, (RESISTANCE,), problem.fit((RESISTANCE,), vector))
     assert found.alone.log_evidence < found.alone.exact
     assert found.around.vector == pytest.approx(found.fit.vector, abs=0.3)
+
+
+def test_a_discrepancy_that_adds_nothing_changes_no_evidence(tmp_path: Path) -> None:
+    """It had the advantage of knowing how far the form is off: a gain that bends was unexplained for two nats."""
+    problem, vector = observed(tmp_path, 0.2)
+    found = candidate(problem, (RESISTANCE,), problem.fit((RESISTANCE,), vector))
+    assert found.alone.bend > 0.0
+    none = [np.zeros((found.around.residual.size, 0))]
+    beside = evidence_beside(found.around, problem.noise, none, found.bent, found.alone)
+    assert beside.log_evidence == pytest.approx(found.alone.log_evidence, abs=1e-6)

@@ -101,11 +101,15 @@ def test_another_form_of_a_rival_may_be_the_winner(lead: float, other: str, fits
     assert not could_stand_for(rival, best, made("none", -1.9 * lead), fits)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("count", [1, 2])
 @pytest.mark.parametrize(("beyond", "is_own"), [(0.01, True), (-0.01, False)])
-def test_a_form_is_the_effects_own_from_sure_odds_against_a_look_alike_up(beyond: float, is_own: bool) -> None:
+def test_a_form_is_the_effects_own_from_sure_odds_against_a_look_alike_up(
+    beyond: float, is_own: bool, count: int
+) -> None:
+    """Of two either may be one: a sensor that saturates was named a breakdown of the air with a film of sweat."""
     look_alike = -50.0 - PARTICULAR * 50.0  # 50 nats more than a discrepancy of any shape
-    alone = look_alike + log(MIMICS) + log(SURE / (1.0 - SURE)) + beyond
-    found = made("a", alone, rough=-50.0)
+    alone = look_alike + log(count * MIMICS) + log(SURE / (1.0 - SURE)) + beyond
+    found = made("a", alone, rough=-50.0, kinds=(kind("a"),) * count)
     assert of_its_form(found, made("none", -200.0, -100.0)) is is_own  # type: ignore[arg-type]
 
 
