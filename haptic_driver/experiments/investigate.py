@@ -164,7 +164,7 @@ def _next(
     else:
         chosen = design(diagnosis, possible.pool, MOST_BLOCKS, left_s, _stubborn(found))
     found.history.append(_told(diagnosis, chosen, possible.blocks))
-    alike = [name for names in _group(diagnosis).values() for name in names]
+    alike = [name for names in _group(diagnosis).values() for name in names] if _is_sure_of_some(diagnosis) else []
     if alike and all(chosen.reach[name] < ALIKE for name in alike if name in chosen.reach):
         found.outcome = ALIKE_HERE
     elif not chosen.choices or found.rounds >= budget.rounds:
@@ -182,6 +182,10 @@ def _next(
         )
         for done in dict.fromkeys(setting.intervention for setting in settings)
     ]  # fmt: skip
+
+
+def _is_sure_of_some(diagnosis: Diagnosis) -> bool:
+    return diagnosis.findings is not None and diagnosis.findings.verdict.is_sure_of_some
 
 
 def _group(diagnosis: Diagnosis) -> dict[str, list[str]]:

@@ -75,6 +75,11 @@ class Verdict:
             return min(1.0, float(sum(self.probabilities.get(name, 0.0) for name in self.suspects)))
         return float(self.probabilities[NONE if self.verdict == "no_discrepancy" else UNKNOWN])
 
+    @property
+    def is_sure_of_some(self) -> bool:
+        """Whether some effect of the catalogue is there for sure, be it one or another."""
+        return self.is_named and 1.0 - self.probabilities[NONE] - self.probabilities[UNKNOWN] >= SURE
+
     def presence(self, name: str) -> float:
         """Probability that an effect of `chosen` is there; of several they share the 1 of `probabilities` evenly."""
         return min(1.0, max(len(self.chosen.kinds), 1) * self.probabilities.get(name, self.probability))

@@ -6,10 +6,13 @@ import json
 import shutil
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from haptic_driver.experiments import investigate as rounds
 from haptic_driver.experiments import pool
 from haptic_driver.experiments.benches import carried_out
 from haptic_driver.experiments.check import check
@@ -18,6 +21,7 @@ from haptic_driver.experiments.plan import Plan, Setting, load_plan, write_plan
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
+from model.diagnosis.verdict import Verdict
 from model.effects import BY_NAME
 from model.effects.interventions import INTERVENTIONS
 from model.touch_model import TouchModel
@@ -174,3 +178,21 @@ def test_friction_comes_back_once_the_air_is_dry() -> None:
 
     assert with_hidden(model, config.simulation.hide).predict(condition).cof == model.predict(condition).cof
     assert with_hidden(model, HUMID).predict(condition).cof != model.predict(condition).cof
+
+
+@pytest.mark.parametrize(("none", "outcome"), [(0.04, "cannot_be_told_apart"), (0.06, "budget_spent")])
+def test_effects_are_not_called_alike_while_perhaps_nothing_is_missing(
+    none: float, outcome: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Eleven effects were said to be all that is left where nothing was hidden."""
+    chosen: Any = SimpleNamespace(kinds=(SimpleNamespace(name="a"),))
+    effects = {"a": 0.6 * (1.0 - none), "b": 0.4 * (1.0 - none)}
+    verdict = Verdict("ambiguous", True, chosen, effects | {"none": none, "unknown": 0.0}, {"a": ["b"]}, ("why",))
+    monkeypatch.setattr(rounds, "choices", lambda *_: SimpleNamespace(pool=None, blocks=()))
+    monkeypatch.setattr(rounds, "design", lambda *_: SimpleNamespace(choices=(), reach={"b": 1.0}))
+    monkeypatch.setattr(rounds, "_told", lambda *_: {})
+    subject: Any = SimpleNamespace(config=None, plan=SimpleNamespace(model_copy=lambda update: None))
+    diagnosis: Any = SimpleNamespace(name="ambiguous", findings=SimpleNamespace(verdict=verdict))
+    found, model = Investigation(rounds=1), SimpleNamespace()
+    assert rounds._next(subject, model, diagnosis, found, (), Budget()) == []  # type: ignore[arg-type]
+    assert found.outcome == outcome
