@@ -22,7 +22,7 @@ from model.diagnosis.naming import (
     could_stand_for,
     fit_candidates,
 )
-from model.diagnosis.weighing import Weighed, adequate, of_another_form, of_exact_form, of_its_form
+from model.diagnosis.weighing import MIMICS, Weighed, adequate, of_another_form, of_exact_form, of_its_form
 from model.diagnosis.where import Disagreement
 from model.effects import CATALOGUE, Effect
 from model.support.arrays import Array
@@ -177,8 +177,9 @@ def several_effects(
 
     Beside a winner that fits alone, a second effect counts by what the data say in favour of its form, as one of two
     rivals would; beside one that does not fit, it must do more than a discrepancy of unknown shape, or be needed beside
-    that as well. Where both act at one place by more: another form of the one may look like the two. Effects that fit
-    and do about as much as that discrepancy are not certain.
+    that as well. Either way it must do more than the first in a form far off. Where both act at one place by more:
+    another form of the one may look like the two. Effects that fit and do about as much as that discrepancy are not
+    certain.
     """
 
     def fits(candidate: Candidate) -> bool:
@@ -191,11 +192,12 @@ def several_effects(
             return None
         least = BESIDE_A_FIT_NATS if one_fits else ANOTHER_NATS
         enough = NEAR_NATS if len({kind.stage for kind in more.kinds}) < len(more.kinds) else least
+        far_off = np.log(MIMICS) + chosen.alone.rough
         if one_fits:
-            over = more.alone.log_evidence - chosen.alone.log_evidence
+            over = more.alone.log_evidence - max(chosen.alone.log_evidence, far_off)
             return Several(more, fits(more)) if over + ANOTHER > enough else None
         best = max(more.alone.log_evidence, more.beside_discrepancy.log_evidence)
-        unknown = np.log(PRIOR_UNKNOWN) + chosen.beside_discrepancy.log_evidence
+        unknown = max(np.log(PRIOR_UNKNOWN) + chosen.beside_discrepancy.log_evidence, far_off)
         odds = best + (len(more.kinds) - len(chosen.kinds)) * ANOTHER - unknown
         if odds <= -ANOTHER_NATS:
             return None

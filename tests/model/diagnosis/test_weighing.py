@@ -228,6 +228,20 @@ def test_beside_one_that_fits_a_second_effect_must_be_worth_more_than_a_form_tha
     assert found == ((two, True, True) if named else None)
 
 
+@pytest.mark.parametrize("fits", [True, False])
+@pytest.mark.parametrize(("beyond", "named"), [(0.1, True), (-0.1, False)])
+def test_a_second_effect_must_do_more_than_the_first_in_a_form_far_off(fits: bool, beyond: float, named: bool) -> None:
+    """A nonlinear skin whose form is off by more than a tenth was named with an error of gain, for 14 nats."""
+    least = BESIDE_A_FIT_NATS if fits else ANOTHER_NATS
+    beside = -200.0 if fits else -90.0
+    one = made("a", -100.0, beside, rough=-60.0, kinds=(kind("a", stage="drive"),))
+    two = made("a+b", -60.0 + log(MIMICS) - ANOTHER + least + beyond, kinds=(*one.kinds, kind("b", stage="contact")))
+    search = SimpleNamespace(best_with_one_more=lambda chosen: two, gain=lambda more: ANOTHER_NATS + 0.1)
+    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
+    found = several_effects(search, weighed, fits, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
+    assert found == ((two, True, True) if named else None)
+
+
 @pytest.mark.parametrize(
     ("off", "scale", "x", "unusual"),
     [(inf, "log", 3.0, False), (inf, "log", -3.0, True), (0.0, "log", -3.0, False), (0.0, "log", 3.0, True)],
