@@ -34,29 +34,33 @@ def form_terms(problem: Problem, fit: Fit) -> list[Array]:
 
     First each witness apart, then all together; none where no effect does anything.
     """
+    whole = problem.predictor.predicted(fit.kinds, fit.vector[None])[0]
     apart, together = [], []
     for i, kind in enumerate(fit.kinds):
-        size, changes = _size_and_changes(problem, fit, i)
-        apart.append(size[:, None] * problem.smooth)
-        alike = [change[:, None] * problem.smooth_in_frequency for change in changes]
-        together.append(np.hstack(alike) if kind.stage in ELECTRICAL else apart[-1])
-    ways = [apart] if all(kind.stage not in ELECTRICAL for kind in fit.kinds) else [apart, together]
+        size, change = _size_and_change(problem, fit, i, whole)
+        own = size[:, None] * problem.smooth
+        apart.append(own)
+        if kind.stage in ELECTRICAL:
+            changes = (change, _turned(problem.predictor.data, change))
+            own = np.hstack([each[:, None] * problem.smooth_in_frequency for each in changes])
+        together.append(own)
+    is_electrical = any(kind.stage in ELECTRICAL for kind in fit.kinds)
+    ways = [apart, together] if is_electrical else [apart]
     terms = [compressed(problem.noise.whiten(np.hstack(parts))) for parts in ways if parts]
     return [term for term in terms if term.shape[1]]
 
 
-def _size_and_changes(problem: Problem, fit: Fit, i: int) -> tuple[Array, tuple[Array, Array]]:
+def _size_and_change(problem: Problem, fit: Fit, i: int, whole: Array) -> tuple[Array, Array]:
     """Size of the i-th effect's signature, or of what its strength changes where that is more, up to twice as much [n].
 
-    And what its strength changes by its amount and by its phase [n], up to twice the signature.
+    And what its strength changes [n], up to twice the signature; `whole` [n]: what all effects predict.
     """
     data, predictor = problem.predictor.data, problem.predictor
-    whole = predictor.predicted(fit.kinds, fit.vector[None])[0]
     signature = _size(data, predictor.less(whole, _without(problem, fit, i)))
     change = np.nan_to_num(predictor.less(_stronger(problem, fit, i), whole) / STEP)
     by_strength = _size(data, change)
     change = change * np.minimum(1.0, MOST_BY_STRENGTH * signature / np.maximum(by_strength, 1e-300))
-    return np.clip(by_strength, signature, MOST_BY_STRENGTH * signature), (change, _turned(data, change))
+    return np.clip(by_strength, signature, MOST_BY_STRENGTH * signature), change
 
 
 def _turned(data: Measurements, change: Array) -> Array:

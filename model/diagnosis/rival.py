@@ -24,7 +24,7 @@ SCALES = np.exp(np.linspace(np.log(0.2), np.log(5.0), 41))  # of the noise, inte
 class Evidence:
     """log evidence, with the noise scale and any discrepancy amplitude integrated out, and where it lies.
 
-    `bend`: share that a model's form is off, in the way of that number, and `bent` the log evidence with that alone;
+    `bend`: share that a model's form is off, in the way of that number, and `at_bend` the log evidence with that alone;
     `rough`: log evidence with a form far off, `exact` with none that is off.
     """
 
@@ -34,7 +34,7 @@ class Evidence:
     term: int = -1
     bend: float = 0.0
     way: int = 0
-    bent: float = np.inf
+    at_bend: float = np.inf
     rough: float = -np.inf
     exact: float = np.inf
 
@@ -50,21 +50,21 @@ def evidence(fit: Fit, noise: Noise, forms: Sequence[Array] = ()) -> Evidence:
     by_scale = _by_scale(target, fit.jacobian, noise)
     exact, scale = float(logsumexp(by_scale)), float(SCALES[np.argmax(by_scale)])
     if not forms:
-        return Evidence(exact, scale, 0.0, bent=exact)
+        return Evidence(exact, scale, 0.0, at_bend=exact)
 
-    def bent(form: Array, bends: Sequence[float]) -> Array:
+    def by_bend(form: Array, bends: Sequence[float]) -> Array:
         return np.array([_by_scale(target, np.hstack([fit.jacobian, bend * form]), noise) for bend in bends])
 
-    off = np.array([bent(form, errors) for form, errors in zip(forms, FORM_ERRORS, strict=False)])
+    off = np.array([by_bend(form, errors) for form, errors in zip(forms, FORM_ERRORS, strict=False)])
     each = logsumexp(off, axis=2)
-    rough = _mean(logsumexp(bent(forms[0], ROUGH), axis=1))  # in what is unknown, witnesses need not agree
+    rough = _mean(logsumexp(by_bend(forms[0], ROUGH), axis=1))  # in what is unknown, witnesses need not agree
     total = float(np.logaddexp(np.log(EXACT) + exact, np.log1p(-EXACT) + _mean(each)))
-    found = Evidence(total, scale, 0.0, bent=exact, rough=rough, exact=exact)
+    found = Evidence(total, scale, 0.0, at_bend=exact, rough=rough, exact=exact)
     if each.max() <= exact:
         return found
     way, bend = np.unravel_index(np.argmax(each), each.shape)
     scale = float(SCALES[np.argmax(off[way, bend])])
-    return replace(found, scale=scale, bend=FORM_ERRORS[way][bend], way=int(way), bent=float(each.max()))
+    return replace(found, scale=scale, bend=FORM_ERRORS[way][bend], way=int(way), at_bend=float(each.max()))
 
 
 def _mean(logs: Array) -> float:
@@ -86,7 +86,7 @@ def evidence_beside(fit: Fit, noise: Noise, discrepancy: list[Array], bent: Arra
     )
     term, amplitude, scale = np.unravel_index(np.argmax(logs), logs.shape)
     per_term = logsumexp(logs, axis=(1, 2)) - np.log(len(AMPLITUDES))
-    adds = float(logsumexp(per_term + np.log(_shares(len(discrepancy))))) - alone.bent
+    adds = float(logsumexp(per_term + np.log(_shares(len(discrepancy))))) - alone.at_bend
     return Evidence(alone.log_evidence + adds, float(SCALES[scale]), AMPLITUDES[amplitude], int(term))
 
 
