@@ -91,7 +91,7 @@ def _show(found: Investigation, out: Path) -> None:
     table = Table("round", "verdict", "suspects", "then measured")
     for number, told in enumerate(found.history, start=1):
         proposals = told["proposals"]
-        done = sorted({p["first"]["intervention"] for p in proposals} - {"none"})
+        done = sorted({p["setting"]["intervention"] for p in proposals} - {"none"})
         what = f"{sum(p['settings'] for p in proposals)} settings" + (f", after {', '.join(done)}" if done else "")
         table.add_row(str(number), told["verdict"], ", ".join(told["suspects"]), what if proposals else "nothing")
     if found.history:

@@ -25,16 +25,19 @@ from haptic_driver.simulation.finger_function import FingerFunction
 from model.description import ModelDescription
 from model.diagnosis.data import read_measurements, together
 from model.diagnosis.design import Design, design, design_for_unseen
-from model.diagnosis.naming import ALIKE, SURE, words
+from model.diagnosis.naming import ALIKE, APART, SURE, words
 from model.diagnosis.report import write_report
+from model.diagnosis.separation import Choice
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects.interventions import BY_INTERVENTION, NOTHING
 from model.touch_model import TouchModel
 
-MOST_BLOCKS = 12  # of a later one
+MOST_BLOCKS = 10  # of a later one
+ENOUGH = 4.0 * APART  # chi^2 of a round, which ends as soon as a name is earned: rivals bend further than is expected
+AT_ONCE = 2  # of these; then it is looked whether the rest is needed
 ALIKE_HERE, SPENT = "cannot_be_told_apart", "budget_spent"
-NOTHING_SEEN, NOTHING_MISSING = "no_discrepancy", "nothing_missing"
-OUTCOMES = {"effect_found": "named", "unexplained": "unexplained"}
+NAMED, NOTHING_SEEN, NOTHING_MISSING = "effect_found", "no_discrepancy", "nothing_missing"
+OUTCOMES = {NAMED: "named", "unexplained": "unexplained"}
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ def investigate(
     """
     model, found = TouchModel(subject.description), Investigation()
     doable = list(able(subject.config, subject.finger is not None))
-    plans, files = [subject.plan], list[Path]()
+    plans, files, asked = [subject.plan], list[Path](), ""
     while not found.outcome:
         found.rounds += 1
         folder = out / f"round-{found.rounds}"
@@ -105,17 +108,24 @@ def investigate(
                 doable.remove(plan.intervention)
                 continue
             tell(f"round {found.rounds}: measuring")
-            files.append(_measure(subject, model, plan, folder, found, 10 * found.rounds + number))
-        diagnosis = diagnose(
-            subject.description, together([(str(path), read_measurements(path)) for path in files]), subject.seed,
-            lambda step: tell(f"round {found.rounds}: {step}"),
-        )  # fmt: skip
+            files.append(_measure(subject, model, plan, folder, found, number))
+            diagnosis = diagnose(
+                subject.description, together([(str(path), read_measurements(path)) for path in files]), subject.seed,
+                lambda step: tell(f"round {found.rounds}: {step}"),
+            )  # fmt: skip
+            if _is_answered(asked, diagnosis.name):
+                break
         with writing(folder):
             found.diagnosis = write_report(diagnosis, subject.description, folder, f"{len(files)} files of {out.name}")
-        found.outcome = OUTCOMES.get(diagnosis.name, "")
+        asked, found.outcome = diagnosis.name, OUTCOMES.get(diagnosis.name, "")
         plans = [] if found.outcome else _next(subject, model, diagnosis, found, doable, budget)
         write_text(out / "investigation.json", json.dumps(found.payload(), indent=1) + "\n")
     return found
+
+
+def _is_answered(asked: str, now: str) -> bool:
+    """Whether a round need not go on: a name is earned, or something shows where nothing did."""
+    return now == NAMED or asked == NOTHING_SEEN != now
 
 
 def _is_done(subject: Subject, plan: Plan) -> bool:
@@ -127,9 +137,9 @@ def _is_done(subject: Subject, plan: Plan) -> bool:
 
 def _measure(subject: Subject, model: TouchModel, plan: Plan, folder: Path, found: Investigation, number: int) -> Path:
     """Measure what of a plan is not there yet; the data file."""
-    suffix = "" if plan.intervention == NOTHING else f"-{plan.intervention}"
+    suffix = f"-{number + 1}" if number else ""
     path = folder / f"data{suffix}.csv"
-    experiment = prepare(subject.config, model, plan, 1000 * subject.seed + number)
+    experiment = prepare(subject.config, model, plan, 1000 * (100 * subject.seed + found.rounds) + number)
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     write_plan(folder / f"plan{suffix}.toml", plan)
@@ -142,7 +152,7 @@ def _measure(subject: Subject, model: TouchModel, plan: Plan, folder: Path, foun
     mark_spectra(path, datetime.date.today())
     found.rows += len(experiment.rows)
     found.measured_s += experiment.duration_s
-    found.settings += dict.fromkeys(row.setting for row in experiment.rows)
+    found.settings = list(dict.fromkeys([*found.settings, *(row.setting for row in experiment.rows)]))
     return path
 
 
@@ -156,13 +166,13 @@ def _next(
 ) -> list[Plan]:
     """The plans of the next round, one per intervention; none with the outcome, where there is no point in any."""
     procedure = subject.plan.model_copy(update={"repeats": REPEATS, "sessions": 1})
-    possible = choices(subject.config, model, procedure, doable)
     left_s = 60.0 * budget.minutes - found.measured_s
     nothing_seen = diagnosis.name == NOTHING_SEEN
+    possible = choices(subject.config, model, procedure, doable, found.settings if nothing_seen else ())
     if nothing_seen:  # so far: there may be more to see than where it was looked
         chosen = design_for_unseen(diagnosis, possible.pool, MOST_BLOCKS, left_s)
     else:
-        chosen = design(diagnosis, possible.pool, MOST_BLOCKS, left_s, _stubborn(found))
+        chosen = design(diagnosis, possible.pool, MOST_BLOCKS, left_s, _stubborn(found), ENOUGH)
     found.history.append(_told(diagnosis, chosen, possible.blocks))
     alike = [name for names in _group(diagnosis).values() for name in names] if _is_sure_of_some(diagnosis) else []
     if alike and all(chosen.reach[name] < ALIKE for name in alike if name in chosen.reach):
@@ -171,17 +181,28 @@ def _next(
         found.outcome = NOTHING_MISSING if nothing_seen else SPENT
     if found.outcome:
         return []
-    settings = [setting for choice in chosen.choices for setting in possible.blocks[choice.block]]
-    purpose = f"tells {' from '.join(words(name) for name in chosen.choices[0].separates)}"
     return [
         procedure.model_copy(
             update={
-                "name": f"round {found.rounds + 1}", "about": purpose, "intervention": done,
-                "settings": tuple(dict.fromkeys(s for s in settings if s.intervention == done)),
+                "name": f"round {found.rounds + 1}", "intervention": settings[0].intervention, "settings": settings,
+                "about": f"tells {' from '.join(words(name) for name in separates)}",
             }
         )
-        for done in dict.fromkeys(setting.intervention for setting in settings)
+        for separates, settings in _parts(chosen, possible.blocks)
     ]  # fmt: skip
+
+
+def _parts(chosen: Design, blocks: Sequence[tuple[Setting, ...]]) -> list[tuple[tuple[str, str], tuple[Setting, ...]]]:
+    """The settings of a round in the order of their worth, and what they tell: a few, or all after an intervention."""
+    parts: dict[tuple[str, int], list[Choice]] = {}
+    for choice in chosen.choices:
+        done = blocks[choice.block][0].intervention
+        alike = sum(len(part) for (of, _), part in parts.items() if of == done)
+        parts.setdefault((done, alike // AT_ONCE if done == NOTHING else 0), []).append(choice)
+    return [
+        (part[0].separates, tuple(dict.fromkeys(s for choice in part for s in blocks[choice.block])))
+        for part in parts.values()
+    ]
 
 
 def _is_sure_of_some(diagnosis: Diagnosis) -> bool:
@@ -205,7 +226,7 @@ def _told(diagnosis: Diagnosis, chosen: Design, blocks: Sequence[tuple[Setting, 
         "proposals": [
             {
                 "settings": len(blocks[choice.block]),
-                "first": blocks[choice.block][0]._asdict(),
+                "setting": blocks[choice.block][-1]._asdict(),
                 "separates": choice.separates,
                 "gain": choice.gain,
             }

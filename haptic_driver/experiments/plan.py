@@ -202,7 +202,7 @@ class Plan(_Procedure):
         """
         ordered: list[Row] = []
         sweeps = [s for s in settings if s.sweep] * self.repeats
-        timed = sorted((s for s in settings if s.time_s is not None), key=lambda s: s.time_s or 0.0)
+        timed = sorted([s for s in settings if s.time_s is not None] * self.repeats, key=lambda s: s.time_s or 0.0)
         others = [s for s in settings if not s.sweep and s.time_s is None]
         for session in range(1, self.sessions + 1):
             todo = others * self.repeats

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,8 +25,13 @@ LOADS_N = (0.25, 0.5, 1.0)
 SPEEDS_M_S = (0.005, 0.05)  # beside the usual one
 BEFORE_AND_AFTER_HZ = (20.0, 100.0, 250.0, 1000.0)  # of friction around an intervention
 SPECTRUM_HZ = {"low": 10.0, "high": 1e6, "per_decade": 3}
-SPECTRUM_V = (5.0, 40.0)
+SPECTRUM_V = (1.0, 5.0, 40.0)  # what bends with the voltage shows beside less of it, also where the limits allow little
+LOOK_S = 20.0  # that it takes to see what a block says
 HANDS_S = 60.0  # that an intervention takes
+REFERENCE = Setting(0.0, 0.0, 0.5, SPEED_REFERENCE_M_S)  # friction without voltage
+SPECTRUM_REFERENCE = Setting(1e3, 5.0, 0.5, 0.0, finger="resting", sweep=True)
+WHILES_S = (5.0, 15.0, 290.0, 300.0)  # from the beginning of a session: what drifts shows beside itself
+USUAL_TIME_S = 60.0  # of a row that is measured at no time in particular
 
 
 class Choices(NamedTuple):
@@ -36,9 +41,18 @@ class Choices(NamedTuple):
     pool: Pool
 
 
-def choices(config: RigConfig, model: TouchModel, procedure: Plan, interventions: Sequence[str]) -> Choices:
-    """Everything worth measuring within the rig's limits; `interventions` by name are those that can be done."""
-    blocks = [*_settings(config), *_spectra(NOTHING)]
+def choices(
+    config: RigConfig, model: TouchModel, procedure: Plan, interventions: Sequence[str], known: Collection[Setting] = ()
+) -> Choices:
+    """Everything worth measuring within the rig's limits; `interventions` by name are those that can be done.
+
+    What is `known` is not measured again: where a model is off, it is off in every reading.
+
+    With every setting comes a reference, which tells the gain of its session: one setting alone tells nothing.
+    """
+    blocks: list[tuple[Setting, ...]] = [(REFERENCE, setting) for setting in _settings(config)]
+    blocks += [(SPECTRUM_REFERENCE, setting) for spectrum in _spectra(NOTHING) for setting in spectrum]
+    blocks.append(tuple(REFERENCE._replace(time_s=time_s) for time_s in WHILES_S))
     for name in interventions:
         blocks += _after(config, name)
     every = list(dict.fromkeys(setting for block in blocks for setting in block))
@@ -46,8 +60,8 @@ def choices(config: RigConfig, model: TouchModel, procedure: Plan, interventions
     points, _ = check(list(allowed.values()), procedure, config, model)
     usable = {s for s in points if not s.by_meter}  # nobody is asked to wire the electrode anew
     kept = [tuple(allowed[s] for s in block if allowed[s] in usable) for block in blocks]
-    permitted = tuple(block for block in kept if block)
-    cost_s = [REPEATS * len(block) * procedure.row_s + _hands_s(block) for block in permitted]
+    permitted = tuple(block for block in kept if set(block) - {REFERENCE, SPECTRUM_REFERENCE, *known})
+    cost_s = [REPEATS * len(block) * procedure.row_s + _besides_s(block) for block in permitted]
     return Choices(permitted, _pool(config, permitted, np.array(cost_s)))
 
 
@@ -56,16 +70,16 @@ def able(config: RigConfig, has_function: bool) -> tuple[str, ...]:
     return () if config.simulated and has_function else tuple(known.name for known in INTERVENTIONS)
 
 
-def _settings(config: RigConfig) -> list[tuple[Setting, ...]]:
-    """Friction, one setting a block."""
+def _settings(config: RigConfig) -> list[Setting]:
+    """Friction."""
     volts = [float(f"{share * config.limits.voltage_v:.3g}") for share in SHARES]
     usual = [Setting(f, v, n, SPEED_REFERENCE_M_S) for f in STEPS_HZ for v in volts for n in LOADS_N]
     other = [Setting(f, v, 0.5, speed) for f in STEPS_HZ for v in volts[1:3] for speed in SPEEDS_M_S]
-    return [(setting,) for setting in (*usual, *other)]
+    return [*usual, *other]
 
 
 def _spectra(intervention: str) -> list[tuple[Setting, ...]]:
-    """One spectrum a block."""
+    """Spectra of the electrode's current, one of each touch and voltage."""
     found = []
     for volts in SPECTRUM_V:
         sweep = Sweep(frequency_hz=SPECTRUM_HZ, voltage_v=volts, normal_force_n=list(LOADS_N))  # type: ignore[arg-type]
@@ -86,8 +100,10 @@ def _after(config: RigConfig, intervention: str) -> list[tuple[Setting, ...]]:
     return [friction, *(block for block in _spectra(intervention) if block[0].normal_force_n == LOADS_N[1])]
 
 
-def _hands_s(block: tuple[Setting, ...]) -> float:
-    return HANDS_S if block[0].intervention != NOTHING else 0.0
+def _besides_s(block: tuple[Setting, ...]) -> float:
+    """For a look at what is measured, for somebody's hands, or until it is time."""
+    until_s = max(setting.time_s or 0.0 for setting in block)
+    return LOOK_S + until_s + (HANDS_S if block[0].intervention != NOTHING else 0.0)
 
 
 def _pool(config: RigConfig, blocks: tuple[tuple[Setting, ...], ...], cost_s: Array) -> Pool:
@@ -107,6 +123,7 @@ def observations(settings: Sequence[Setting], monitored: Mask) -> Measurements:
         name: np.array([getattr(s, name) for s in settings])
         for name in ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "voltage_offset_v")
     }
+    columns["time_s"] = np.array([USUAL_TIME_S if s.time_s is None else s.time_s for s in settings])
     columns |= {"electrode_voltage_v": np.ones(len(settings)), "electrode_voltage_phase_rad": np.zeros(len(settings))}
     sessions = list(dict.fromkeys(s.intervention for s in settings))
     rows = Measurements(

@@ -60,8 +60,14 @@ class Experiment:
 
     @property
     def duration_s(self) -> float:
-        """How long all rows take, apart from bringing up the voltage."""
-        return len(self.rows) * self.plan.row_s
+        """How long all rows take, waiting for those that have a time, apart from bringing up the voltage."""
+        clock_s, lasted_s, session = 0.0, 0.0, 0
+        for row in self.rows:
+            if row.session != session:
+                session, lasted_s, clock_s = row.session, lasted_s + clock_s, 0.0
+            due_s = 0.0 if row.setting.time_s is None else self.plan.begin_s(row.setting)
+            clock_s = max(clock_s, due_s) + self.plan.row_s
+        return lasted_s + clock_s
 
     def identity(self, hidden: str = "") -> Identity:
         """What a data file must have been begun with to be continued; `hidden` is whatever else shapes the friction."""

@@ -184,13 +184,14 @@ class Measurements:
         }
         return replace(self, columns={name: values[rows] for name, values in self.columns.items()}, **chosen)
 
-    def replicate_groups(self, apart: bool = True) -> NDArray[np.intp]:
+    def replicate_groups(self, apart: bool = True, sessions_apart: bool = True) -> NDArray[np.intp]:
         """A number per observation, equal for the same session and settings; time and repeat do not count.
 
-        `apart`: each witness has groups of its own.
+        `apart`: each witness has groups of its own; `sessions_apart`: each session.
         """
         keys = ["voltage_v", "normal_force_n", "speed_m_s", "voltage_offset_v"]
-        settings = [np.where(self.driven, self.columns["frequency_hz"], 0.0), self.session.astype(float)]
+        settings = [np.where(self.driven, self.columns["frequency_hz"], 0.0)]
+        settings += [self.session.astype(float)] if sessions_apart else []
         settings += [self.columns[key] for key in keys if key in self.columns]
         for words in (self.waveform, self.finger, self.intervention):
             if words is not None:

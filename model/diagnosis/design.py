@@ -6,8 +6,8 @@ them free, and the gains of the sessions to come. A block's cost is its time.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +17,19 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.fit import STEP
 from model.diagnosis.naming import APART, Candidate, imitate, testable_effects, unseen_draws
 from model.diagnosis.noise import shared_std
-from model.diagnosis.separation import Choice, Pair, Told, by_block, choose, weights
-from model.diagnosis.space import Predictor
+from model.diagnosis.separation import (
+    Choice,
+    Pair,
+    Told,
+    by_all,
+    by_block,
+    choose,
+    most_by_one,
+    nothing,
+    told_by,
+    weights,
+)
+from model.diagnosis.space import FARTHEST, Predictor
 from model.diagnosis.witness import WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
 from model.effects.interventions import NOTHING
@@ -26,6 +37,7 @@ from model.support.arrays import Array
 
 MODELS = 6  # that take part
 FAINT = 4  # draws of an effect that is unseen so far, from the faintest to the plainest
+SHOWS = 16.0  # chi^2 from which an effect shows
 USUAL_STD = 0.03  # of a witness that has said nothing so far, where nothing is usual of it
 
 
@@ -53,9 +65,16 @@ class Design(NamedTuple):
 
 
 def design(
-    diagnosis: Diagnosis, pool: Pool, most: int, most_s: float, stubborn: Collection[frozenset[str]] = ()
+    diagnosis: Diagnosis,
+    pool: Pool,
+    most: int,
+    most_s: float,
+    stubborn: Collection[frozenset[str]] = (),
+    enough: float = APART,
 ) -> Design:
     """At most `most` blocks that together take at most `most_s`, those that tell most per second first.
+
+    Of each pair counts what is told up to `enough`, in chi^2.
 
     `stubborn` are pairs that settings were to tell apart before and did not: a rival bends further than its linear
     neighbourhood says. Of these an intervention is expected to tell, where the pool has one, and nothing else.
@@ -64,59 +83,71 @@ def design(
     if findings is None:
         return Design((), {})
     leaders = leading(findings)
-    pairs = _pairs(findings, leaders, pool, _own_std(findings, diagnosis.data, pool.observations))
+    pairs = _pairs(findings, leaders, pool, _own_std(findings, diagnosis.data, pool))
     acts = _of_interventions(pool)
     reach = {pair.names[1]: pair.reach() for pair in pairs if pair.names[0] == leaders[0][0].name}
     for pair in pairs:
         if frozenset(pair.names) in stubborn:
-            asked = Pair(pair.names, pair.weight, pair.blocks.only(acts))
+            asked = replace(pair, blocks=pair.blocks.only(acts))
             pair.blocks = asked.blocks if asked.reach() >= APART else pair.blocks
-    return Design(tuple(choose(pairs, pool.cost_s, most, most_s, APART)), reach)
+    return Design(tuple(choose(pairs, pool.cost_s, most, most_s, enough)), reach)
 
 
 def design_for_unseen(diagnosis: Diagnosis, pool: Pool, most: int, most_s: float) -> Design:
     """The blocks that would show most of what the data so far could not, where nothing shows.
 
-    Of each effect of the catalogue some draws of its prior are taken that leave no trace so far and that the whole pool
-    would show, the faintest of them included; finger and gains may hide them.
+    Of each effect of the catalogue some draws of its prior are taken that leave no trace so far and that some block
+    would show, or where there is none, the whole pool; the faintest of them included. Finger and gains may hide them.
     """
     findings = diagnosis.findings
     if findings is None:
         return Design((), {})
-    pairs = _unseen_pairs(findings, pool, _own_std(findings, diagnosis.data, pool.observations))
-    return Design(tuple(choose(pairs, pool.cost_s, most, most_s, APART)), {p.names[1]: p.reach() for p in pairs})
+    own_std = _own_std(findings, diagnosis.data, pool)
+    pairs = _unseen_pairs(findings, pool, own_std, most_by_one) or _unseen_pairs(findings, pool, own_std, by_all)
+    return Design(tuple(choose(pairs, pool.cost_s, most, most_s, SHOWS)), {p.names[1]: p.reach() for p in pairs})
 
 
-def _unseen_pairs(findings: Findings, pool: Pool, own_std: Array) -> list[Pair]:
-    """The base model with each effect that may be there unseen; the base model's parameters and gains may hide that."""
+def _unseen_pairs(
+    findings: Findings, pool: Pool, own_std: Array, reach_of: Callable[[Told, Told], Array]
+) -> list[Pair]:
+    """The base model with each effect that may be there unseen, as far as its separation may reach what shows.
+
+    The base model's parameters and gains may hide an effect, but in the data so far and in those to come alike.
+    """
     problem, data, base = findings.problem, pool.observations, findings.weighed.base
     predictor = Predictor(problem.predictor.description, data, problem.predictor.free)
-    here, spread = _mean_and_spread(predictor, base, base.fit.vector)
-    std = own_std * np.sqrt(base.fit.scale2 / pool.repeats)
-    sure = np.where(np.isfinite(here) & np.all(np.isfinite(spread), axis=1), 1.0 / std, 0.0)
-    hides = sure[:, None] * np.nan_to_num(np.concatenate([_session_gains(data), spread], axis=1))
-    normal = np.eye(hides.shape[1]) + hides.T @ hides
+    inside, scale = np.abs(base.fit.vector) < FARTHEST, np.sqrt(base.fit.scale2)  # what is at its end stays there
+    here, slopes = _mean_and_slopes(predictor, base, base.fit.vector)
+    sure = np.where(np.isfinite(here) & np.all(np.isfinite(slopes), axis=1), 1.0 / (own_std * scale), 0.0)
+    gains = _session_gains(data)
+    hides = sure[:, None] * np.nan_to_num(np.hstack([gains, slopes[:, inside]]))
+    hid = np.pad(base.fit.jacobian[:, inside] / scale, ((0, 0), (gains.shape[1], 0)))
     pairs = []
     for kind in testable_effects(data, problem.predictor.description.effects):
-        vectors = unseen_draws(problem, base, kind)
-        if not vectors.size:
-            continue
+        vectors, signatures = unseen_draws(problem, base, kind)
         difference = predictor.less(predictor.predicted((kind,), vectors), here)
         adds = np.where(np.isfinite(difference), sure * difference, 0.0)
-        reach = Told(normal, adds @ hides, np.sum(adds**2, axis=1)).chi2()
-        shown = np.argsort(reach)[np.count_nonzero(reach < APART) :]  # the faintest first
-        kept = np.unique(np.linspace(0, shown.size - 1, FAINT).astype(int)) if shown.size else ()
-        for i in kept:
-            blocks = by_block(adds[shown[i]], hides, pool.block, pool.cost_s.size)
-            pairs.append(Pair((base.name, kind.name), 1.0, blocks))
+        so_far = nothing(hides.shape[1]) + told_by(signatures, hid)
+        blocks = by_block(adds, hides, pool.block, pool.cost_s.size)
+        reach = reach_of(so_far, blocks)
+        shown = np.argsort(reach)[np.count_nonzero(reach < SHOWS) :]  # the faintest first
+        for i in shown[np.unique(np.linspace(0, shown.size - 1, min(FAINT, shown.size)).astype(int))]:
+            of_draw = Told(blocks.normal, blocks.moment[:, i], blocks.square[:, i])
+            told = Told(so_far.normal, so_far.moment[i], so_far.square[i])
+            pairs.append(Pair((base.name, kind.name), float(shown.size), of_draw, told))
     return pairs
 
 
 def _mean_and_spread(predictor: Predictor, candidate: Candidate, vector: Array) -> tuple[Array, Array]:
     """What a model predicts at a vector [n], and columns [n, k] of what the data leave free in its parameters."""
+    mean, slopes = _mean_and_slopes(predictor, candidate, vector)
+    return mean, slopes @ np.linalg.cholesky(candidate.fit.covariance + 1e-12 * np.eye(vector.size))
+
+
+def _mean_and_slopes(predictor: Predictor, candidate: Candidate, vector: Array) -> tuple[Array, Array]:
+    """What a model predicts at a vector [n], and how it changes with the vector [n, k]."""
     values = predictor.predicted(candidate.kinds, np.vstack([vector, vector + STEP * np.eye(vector.size)]))
-    root = np.linalg.cholesky(candidate.fit.covariance + 1e-12 * np.eye(vector.size))
-    return values[0], (values[1:] - values[0]).T / STEP @ root
+    return values[0], (values[1:] - values[0]).T / STEP
 
 
 def _of_interventions(pool: Pool) -> NDArray[np.bool_]:
@@ -147,7 +178,7 @@ def _pairs(findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool:
     """
     problem, data, first = findings.problem, pool.observations, leaders[0][0]
     predictor = Predictor(problem.predictor.description, data, problem.predictor.free)
-    std = own_std * np.sqrt(findings.verdict.chosen.fit.scale2 / pool.repeats)
+    std = own_std * np.sqrt(findings.verdict.chosen.fit.scale2)
     means, spreads = [], []
     for candidate, _ in leaders:
         vector = (candidate.fit if candidate is first else imitate(problem, first.fit, candidate)).vector
@@ -162,17 +193,21 @@ def _pairs(findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool:
         difference = np.nan_to_num(predictor.less(means[i], means[j]))
         spread = np.nan_to_num(np.concatenate([gains, spreads[i], spreads[j]], axis=1))
         blocks = by_block(sure * difference, sure[:, None] * spread, pool.block, pool.cost_s.size)
-        pairs.append(Pair((leaders[i][0].name, leaders[j][0].name), weight, blocks))
+        pairs.append(Pair((leaders[i][0].name, leaders[j][0].name), weight, blocks, nothing(spread.shape[1])))
     return pairs
 
 
-def _own_std(findings: Findings, before: Measurements, data: Measurements) -> Array:
-    """Noise of observations to come: the median of that witness's so far, or what is usual of such an instrument."""
-    noise = findings.problem.noise
+def _own_std(findings: Findings, before: Measurements, pool: Pool) -> Array:
+    """Noise of observations to come: the median of that witness's so far, or what is usual of such an instrument.
+
+    Of the mean of all readings; what no model is better than does not shrink with them.
+    """
+    noise, data = findings.problem.noise, pool.observations
     std = np.empty(data.count)
     for i in data.witnesses:
         seen = noise.own_std[before.of(i)]
-        std[data.of(i)] = np.median(seen) if seen.size else WITNESSES[i].usual_std or USUAL_STD
+        single = np.median(seen) if seen.size else WITNESSES[i].usual_std or USUAL_STD
+        std[data.of(i)] = max(single / np.sqrt(pool.repeats), WITNESSES[i].least_std)
     return std
 
 

@@ -134,10 +134,13 @@ def unseen(problem: Problem, base: Candidate, kind: type[Effect]) -> float:
     return base.alone.log_evidence + float(np.log(max(odds.sum(), 1e-300) / DRAWS))
 
 
-def unseen_draws(problem: Problem, base: Candidate, kind: type[Effect]) -> Array:
-    """Vectors [m, k] of those draws of an effect's prior that leave no trace in these data."""
-    vectors, _, visible = _drawn(problem, base, kind)
-    return vectors[visible < NO_TRACE]
+def unseen_draws(problem: Problem, base: Candidate, kind: type[Effect]) -> tuple[Array, Array]:
+    """Vectors [m, k] of those draws of an effect's prior that leave no trace in these data, and what each adds [m, n].
+
+    In standard deviations of the noise.
+    """
+    vectors, signatures, visible = _drawn(problem, base, kind)
+    return vectors[visible < NO_TRACE], signatures[visible < NO_TRACE]
 
 
 def _drawn(problem: Problem, base: Candidate, kind: type[Effect]) -> tuple[Array, Array, Array]:

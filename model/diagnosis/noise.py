@@ -86,8 +86,7 @@ def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | No
             return None
         own_std[mine] = own.std
         found.append(own)
-    least = np.array([witness.least_std for witness in WITNESSES])
-    least = least[FRICTION if data.witness is None else data.witness]
+    least = _least_std(data)
     sure = int(np.sum(own_std < least))
     own_std = np.maximum(own_std, least)
     lower, blocks, shared = np.zeros((data.count, data.count)), [], shared_std(data)
@@ -113,6 +112,14 @@ def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | No
         tuple(blocks),
         sure,
     )
+
+
+def _least_std(data: Measurements) -> Array:
+    """What no model is better than [n]: what one is off at a setting is off in every reading there."""
+    least = np.array([witness.least_std for witness in WITNESSES])
+    setting = data.replicate_groups(sessions_apart=False)
+    readings = np.bincount(setting)[setting]
+    return np.asarray(least[FRICTION if data.witness is None else data.witness] * np.sqrt(readings))
 
 
 def shared_std(data: Measurements) -> Array:

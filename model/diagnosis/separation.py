@@ -53,47 +53,70 @@ class Told:
         square = np.where(these, self.square, 0.0)
         return Told(self.normal * these[:, None, None], self.moment * these[:, None], square)
 
+    def all(self) -> Told:
+        """All of the first axis together."""
+        return Told(self.normal.sum(axis=0), self.moment.sum(axis=0), self.square.sum(axis=0))
+
     def chi2(self) -> Array:
         """The separation that is left once everything has been bent to hide it."""
         hidden = np.linalg.solve(self.normal, self.moment[..., None])[..., 0]
         return np.asarray(self.square - np.sum(self.moment * hidden, axis=-1))
 
 
-def _nothing(size: int) -> Told:
+def nothing(size: int) -> Told:
     """What is told before anything is measured: every uncertain quantity has its standard deviation of 1."""
     return Told(np.eye(size), np.zeros(size), np.zeros(()))
 
 
-def by_block(difference: Array, spread: Array, block: NDArray[np.intp], count: int) -> Told:
-    """What each of `count` blocks tells of a pair.
+def told_by(difference: Array, spread: Array) -> Told:
+    """What n observations tell of a pair, `difference` [n], or of m [m, n]; `spread` [n, k] as for `by_block`."""
+    return Told(spread.T @ spread, difference @ spread, np.sum(difference**2, axis=-1))
 
-    `difference` [n] of the predictions and `spread` [n, k], what may hide it, a column per uncertain quantity moved by
-    its own standard deviation; both in standard deviations of the noise. `block` [n] says whose each observation is.
+
+def by_block(difference: Array, spread: Array, block: NDArray[np.intp], count: int) -> Told:
+    """What each of `count` blocks tells of a pair, or of m.
+
+    `difference` [n] of the predictions, or [m, n], and `spread` [n, k], what may hide it, a column per uncertain
+    quantity moved by its own standard deviation; both in standard deviations of the noise. `block` [n] says whose each
+    observation is.
     """
-    each = [(spread[here], difference[here]) for here in (block == b for b in range(count))]
-    return Told(
-        np.array([u.T @ u for u, _ in each]), np.array([u.T @ d for u, d in each]), np.array([d @ d for _, d in each])
-    )
+    each = [told_by(difference[..., here], spread[here]) for here in (block == b for b in range(count))]
+    return Told(*(np.array(part) for part in zip(*((t.normal, t.moment, t.square) for t in each), strict=True)))
+
+
+def most_by_one(so_far: Told, blocks: Told) -> Array:
+    """The separation of m pairs [m] with that block which tells most of each; `blocks` as `by_block` gives them."""
+    moment = so_far.moment + blocks.moment
+    hidden = np.linalg.solve(so_far.normal + blocks.normal, np.swapaxes(moment, 1, 2))
+    chi2 = so_far.square + blocks.square - np.sum(moment * np.swapaxes(hidden, 1, 2), axis=2)
+    return np.asarray(chi2.max(axis=0))
+
+
+def by_all(so_far: Told, blocks: Told) -> Array:
+    """The separation of m pairs [m] with all blocks."""
+    return (so_far + blocks.all()).chi2()
 
 
 @dataclass
 class Pair:
-    """Two models, what they weigh, what each block would tell of them, and what is told by those chosen so far."""
+    """Two models, what they weigh, what each block would tell of them, and what is told so far.
+
+    Nothing is told before anything is measured; by the blocks that are chosen then.
+    """
 
     names: tuple[str, str]
     weight: float
     blocks: Told
-    told: Told = field(init=False)
-    reached: float = field(default=0.0, init=False)
+    told: Told
+    reached: float = field(init=False)
 
     def __post_init__(self) -> None:
-        """Nothing is told before anything is measured."""
-        self.told = _nothing(self.blocks.moment.shape[1])
+        """What is told is a separation."""
+        self.reached = float(self.told.chi2())
 
     def reach(self) -> float:
-        """Separation with every block."""
-        every = (values.sum(axis=0) for values in (self.blocks.normal, self.blocks.moment, self.blocks.square))
-        return float((_nothing(self.blocks.moment.shape[1]) + Told(*every)).chi2())
+        """Separation with every block, before any is chosen."""
+        return float((self.told + self.blocks.all()).chi2())
 
     def choose(self, block: int) -> float:
         """Take a block; returns what it adds."""
@@ -120,7 +143,7 @@ def choose(
     """
     left, choices = set(range(cost.size)), list[Choice]()
     weight = np.array([[pair.weight] for pair in pairs])
-    while len(choices) < most:
+    while pairs and len(choices) < most:
         possible = np.array(sorted(b for b in left if cost[b] <= most_cost), dtype=np.intp)
         if not possible.size:
             break

@@ -1,16 +1,17 @@
 """Investigations of fingers that the project does not know: which effects get a name, and what choosing well saves.
 
 `python -m tests.blind.investigations --seed N --counts W0=2,W1=10 --out DIR` investigates each finger twice on the
-simulated rig, with the same first plan and the same number of blocks per round: once as `haptic investigate` chooses
-them, once at random among all that the rig may do; with `--chosen`, only as it chooses. It writes what came of each
-into DIR, goes on there, and prints tables. A stranger is right as `unexplained`, a finger with nothing hidden as
-`nothing_missing`.
+simulated rig, with the same first plan, the same number of blocks per round, and rounds that end as soon as something
+shows: once with blocks as `haptic investigate` chooses them, once at random among all that the rig may do; with
+`--chosen`, only as it chooses. It writes what came of each into DIR, goes on there, and prints tables. A stranger is
+right as `unexplained`, a finger with nothing hidden as `nothing_missing`.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import statistics
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -24,11 +25,13 @@ import numpy as np
 from haptic_driver.experiments import investigate as product
 from haptic_driver.experiments.investigate import Budget, Subject, investigate
 from haptic_driver.experiments.plan import Plan, load_plan
+from haptic_driver.experiments.run import prepare
 from haptic_driver.rig.config import load_rig
 from haptic_driver.simulation.finger_function import FingerFunction
 from haptic_driver.surface.models import load_model
 from model.diagnosis.design import Design, design, design_for_unseen
 from model.diagnosis.separation import Choice
+from model.touch_model import TouchModel
 from tests.reports import without_pictures
 
 from .generator.designs import NONE, RESTING, SLIDING
@@ -39,8 +42,8 @@ from .generator.touch import STEADY_SPEED, Finger, Rows
 from .generator.witnesses import Truth, truth_of
 from .scores import wilson
 
-ROUNDS = 4
 CHOSEN, RANDOM = "chosen", "at random"
+ROUNDS = {CHOSEN: 4, RANDOM: 10}  # chance is given the time that it needs
 TIME_STEP_S = 0.05  # effects of time see it in steps this long
 FEW = """
 name = "few"
@@ -97,16 +100,18 @@ def random_choice(seed: int) -> Iterator[None]:
         product.design, product.design_for_unseen = design, design_for_unseen
 
 
-def asked(hidden: list[str], function: Callable[..., Any], plan: Plan, seed: int) -> dict[str, Any]:
-    """One investigation: its outcome, the names, and what it took."""
+def asked(hidden: list[str], function: Callable[..., Any], plan: Plan, seed: int, how: str) -> dict[str, Any]:
+    """One investigation: its outcome, the names, and what it took; `beyond`: settings that the first plan has not."""
     subject = Subject(load_rig("simulated"), load_model("reference"), plan, FingerFunction(function), seed)
+    first = prepare(subject.config, TouchModel(subject.description), plan).rows
     with tempfile.TemporaryDirectory() as folder, without_pictures():
-        found = investigate(subject, Path(folder), Budget(rounds=ROUNDS))
+        found = investigate(subject, Path(folder), Budget(rounds=ROUNDS[how]))
     names = [effect["name"] for effect in found.diagnosis["effects"]]
     alike = [other for effect in found.diagnosis["effects"] for other in effect["indistinguishable_from"]]
     return {
         "hidden": hidden, "outcome": found.outcome, "named": names, "or": alike, "rounds": found.rounds,
-        "settings": len(found.settings), "minutes": found.measured_s / 60.0,
+        "settings": len(found.settings), "beyond": len(set(found.settings) - {row.setting for row in first}),
+        "minutes": found.measured_s / 60.0,
     }  # fmt: skip
 
 
@@ -126,6 +131,19 @@ def _rates(part: Sequence[dict[str, Any]]) -> list[str]:
     return [*(wilson(count, len(part)) for count in counts), *took]
 
 
+def settings_to_a_name(pairs: Sequence[dict[str, Any]]) -> str:
+    """Settings beyond the first plan to the right name, as chosen and at random, where the first plan gave none.
+
+    No name counts as more than any.
+    """
+    later = [pair for pair in pairs if len(pair) > 1 and max(got["rounds"] for got in pair.values()) > 1]
+    if not later:
+        return ""
+    took = {how: [pair[how]["beyond"] if _is_right(pair[how]) else math.inf for pair in later] for how in ROUNDS}
+    medians = (f"{statistics.median(counts):.3g} {how}" for how, counts in took.items())
+    return f"settings beyond the first plan to the name, median of {len(later)}: {', '.join(medians)}; {took}\n"
+
+
 def table(found: dict[str, list[dict[str, Any]]]) -> str:
     """Markdown; `found`: a family's name to what came of each finger, as chosen and maybe at random."""
     lines = ["| family | blocks | right | named wrongly | right or in the group | rounds | settings | minutes |"]
@@ -141,7 +159,10 @@ def table(found: dict[str, list[dict[str, Any]]]) -> str:
         lines.append(
             f"| {' '.join(got['hidden']) or 'nothing'} | {how} | {got['outcome']} | {names} | {others} | {took} |"
         )
-    return "\n".join(lines) + "\n"
+    known = [
+        pair for pairs in found.values() for pair in pairs if not {*pair[CHOSEN]["hidden"], ""} <= {*STRANGERS, ""}
+    ]
+    return "\n".join(lines) + "\n\n" + settings_to_a_name(known)
 
 
 def main() -> None:
@@ -163,10 +184,10 @@ def main() -> None:
         if not kept.exists():
             finger, rig, truth = truth_of(spec, given.seed)
             asks = partial(asked, [name for name, _ in spec.effects], finger_function(finger, rig, truth), plan)
-            pair = {CHOSEN: asks(spec.index)}
+            pair = {CHOSEN: asks(spec.index, CHOSEN)}
             if not given.chosen:
                 with random_choice(spec.index):
-                    pair[RANDOM] = asks(spec.index)
+                    pair[RANDOM] = asks(spec.index, RANDOM)
             kept.write_text(json.dumps(pair, indent=1))
         found.setdefault(spec.family, []).append(json.loads(kept.read_text()))
         said = (

@@ -21,6 +21,8 @@ from haptic_driver.experiments.plan import Plan, Setting, load_plan, write_plan
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
+from model.diagnosis.design import Design
+from model.diagnosis.separation import Choice
 from model.diagnosis.verdict import Verdict
 from model.effects import BY_NAME
 from model.effects.interventions import INTERVENTIONS
@@ -143,6 +145,43 @@ def test_nothing_is_proposed_that_the_rig_refuses(short: Plan) -> None:
     assert {setting.intervention for setting in settings} == {"none", *(known.name for known in INTERVENTIONS)}
     assert possible.pool.block.max() == len(possible.blocks) - 1
     assert len(points) == len(set(settings))
+
+
+def test_a_setting_never_comes_alone(short: Plan) -> None:
+    """Beside the gain of its session one setting tells nothing: none was chosen once they came one by one."""
+    config, model = load_rig("simulated"), TouchModel(load_model("reference"))
+    possible = pool.choices(config, model, short, ())
+    assert all(len(block) >= 2 for block in possible.blocks)
+    known = [setting for block in possible.blocks[:50] for setting in block]
+    assert len(pool.choices(config, model, short, (), known).blocks) == len(possible.blocks) - 50
+
+
+def test_a_round_is_measured_in_parts_of_two_and_whole_after_an_intervention() -> None:
+    wiped = Setting(20.0, 75.0, 0.5, 0.02, intervention="wipe")
+    blocks = [(pool.REFERENCE, Setting(f, 75.0, 0.5, 0.02)) for f in (10.0, 20.0, 30.0)] + [
+        (wiped,),
+        (wiped._replace(frequency_hz=50.0),),
+    ]
+    pair = ("a", "b")
+    order = [Choice(block, pair, 1.0) for block in (3, 2, 0, 4, 1)]
+    parts = rounds._parts(Design(tuple(order), {}), blocks)
+    settings = [[s.frequency_hz for s in settings] for _, settings in parts]
+    assert settings == [[20.0, 50.0], [0.0, 30.0, 10.0], [0.0, 20.0]]
+
+
+@pytest.mark.parametrize(
+    ("asked", "now", "answered"),
+    [
+        ("no_discrepancy", "no_discrepancy", False),
+        ("no_discrepancy", "ambiguous", True),
+        ("no_discrepancy", "unexplained", True),
+        ("ambiguous", "ambiguous", False),
+        ("ambiguous", "effect_found", True),
+        ("ambiguous", "unexplained", False),
+    ],
+)
+def test_a_round_ends_as_soon_as_it_has_its_answer(asked: str, now: str, answered: bool) -> None:
+    assert rounds._is_answered(asked, now) == answered
 
 
 def test_a_function_is_a_finger_that_nobody_can_wipe() -> None:

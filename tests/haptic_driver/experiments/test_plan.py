@@ -208,6 +208,14 @@ def test_what_has_a_time_begins_when_it_is_due(tmp_path: Path) -> None:
     assert [s.time_s for s in began] == [5.0, 5.0, 20.0, 20.0, 600.0, 600.0]
 
 
+def test_what_has_a_time_is_repeated_like_the_rest(tmp_path: Path) -> None:
+    """It was measured once, however often the plan repeats."""
+    plan = plan_of(tmp_path, GRID + "repeats = 3\n[[points]]\ntime_s = [5.0, 60.0]\n")
+    rows = plan.rows(plan.settings, 1)
+    assert [row.setting.time_s for row in rows].count(60.0) == 3 * len(plan.settings) / 2
+    assert {row.trial for row in rows} == {1, 2, 3}
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

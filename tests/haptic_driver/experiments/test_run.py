@@ -77,6 +77,14 @@ def settings_of(path: Path) -> list[tuple[str, ...]]:
     ]
 
 
+def test_waiting_until_it_is_time_counts_as_measuring(config: RigConfig, model: TouchModel) -> None:
+    """In each of two sessions; it counted only the rows."""
+    settings = tuple(Setting(100.0, 75.0, 0.5, 0.02, time_s=time_s) for time_s in (5.0, 300.0))
+    experiment = prepare(config, model, Plan(name="late", settings=settings, repeats=2, sessions=2))
+    after_the_second_s = 0.5 * experiment.plan.average_s + experiment.plan.pause_s + experiment.plan.row_s
+    assert experiment.duration_s == pytest.approx(2 * (300.0 + after_the_second_s))
+
+
 def test_data_have_the_contracts_columns_and_units(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
     experiment = prepare(config, model, small_plan())
     measured(experiment, tmp_path / "data.csv")

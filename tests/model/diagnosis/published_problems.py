@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from scipy.special import exp1
 
 from model.diagnosis.naming import APART
-from model.diagnosis.separation import Pair, by_block, choose, weights
+from model.diagnosis.separation import Pair, by_block, choose, nothing, weights
 from model.support.arrays import Array
 
 STEP = 1e-5  # of finite differences, in prior standard deviations
@@ -135,7 +135,7 @@ def next_point(problem: Problem, points: Array, fits: Sequence[Fit], least: floa
     pairs = []
     for (i, j), weight in weights([float(probability[k]) for k in order]).items():
         told = by_block(means[i] - means[j], np.hstack([spreads[i], spreads[j]]), block, grid.shape[1])
-        pairs.append(Pair((str(i), str(j)), weight, told))
+        pairs.append(Pair((str(i), str(j)), weight, told, nothing(told.moment.shape[1])))
     choices = choose(pairs, np.ones(grid.shape[1]), 1, 1.0, APART, least)
     return choices[0].block if choices else None
 

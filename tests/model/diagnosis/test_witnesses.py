@@ -136,6 +136,16 @@ class TestNoise:
         white = noise.whiten(covariance)
         np.testing.assert_allclose(noise.whiten(white.T), np.eye(data.count), atol=1e-9)
 
+    def test_readings_of_one_setting_are_together_no_better_than_a_model(self, read) -> None:
+        """A touch with nothing missing was called a film of sweat: a reference had been read in every session."""
+        header = HEADER + ",electrode_voltage_std_v,electrode_voltage_phase_std_rad,session"
+        line = "1000,75,0.5,,,resting,,,75,0,1e-4,1e-6,"
+        data = read(*(line + session for session in "aaabbbccc"), line.replace("1000", "2000") + "a", header=header)
+        voltage = data.of(VOLTAGE)
+        noise, own_std = noise_of(data), WITNESSES[VOLTAGE].least_std
+        together = np.sum(noise.own_std[voltage][:9] ** -2.0) ** -0.5
+        assert (together, noise.own_std[voltage][9]) == pytest.approx((own_std, own_std))
+
     def test_what_is_better_than_any_model_says_nothing_of_the_scale(self, read) -> None:
         """Once a voltage that a monitor resolves to a hundredth of a per mille made all other noise look small."""
         header = HEADER + ",electrode_voltage_std_v,electrode_voltage_phase_std_rad"
