@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -97,14 +98,25 @@ def design_for_unseen(diagnosis: Diagnosis, pool: Pool, most: int, most_s: float
     """The blocks that would show most of what the data so far could not, where nothing shows.
 
     Of each effect of the catalogue some draws of its prior are taken that leave no trace so far and that some block
-    would show, or where there is none, the whole pool; the faintest of them included. Finger and gains may hide them.
+    would show, and where more blocks are left, that the whole pool would; the faintest of them included. Finger and
+    gains may hide them.
     """
     findings = diagnosis.findings
     if findings is None:
         return Design((), {})
-    own_std = _own_std(findings, diagnosis.data, pool)
-    pairs = _unseen_pairs(findings, pool, own_std, most_by_one) or _unseen_pairs(findings, pool, own_std, by_all)
-    return Design(tuple(choose(pairs, pool.cost_s, most, most_s, SHOWS)), {p.names[1]: p.reach() for p in pairs})
+    own_std, left, left_s = _own_std(findings, diagnosis.data, pool), pool.cost_s.copy(), most_s
+    choices, reach = list[Choice](), dict[str, float]()
+    for reach_of in (most_by_one, by_all):
+        pairs = _unseen_pairs(findings, pool, own_std, reach_of)
+        reach |= {pair.names[1]: pair.reach() for pair in pairs}
+        for pair, choice in product(pairs, choices):
+            pair.choose(choice.block)
+        chosen = choose(pairs, left, most - len(choices), left_s, SHOWS)
+        choices += chosen
+        taken = [choice.block for choice in chosen]
+        left_s -= float(pool.cost_s[taken].sum())
+        left[taken] = np.inf  # once is enough
+    return Design(tuple(choices), reach)
 
 
 def _unseen_pairs(

@@ -17,6 +17,7 @@ SESSION_GAIN_STD = WITNESSES[FRICTION].gain_std
 LOOSE_DEGREES = 6.0  # worth of the stated noise where no replicates check it: a scale known to about 30 %
 MOST_DEGREES = 200.0
 USUAL_STRAY_F = 300e-12  # where no open circuit tells
+LONG_AFTER = 10.0  # times the usual time between replicates
 AREA_STD = 0.03  # of the logarithm of the touch's area, from session to session
 
 
@@ -188,12 +189,24 @@ def _usual(usual_std: float | None, data: Measurements, inflation: Array) -> _Ow
 
 def _replicate_scatter(data: Measurements, values: Array, std: Array) -> tuple[float, int]:
     """Pooled variance within groups of replicates, in units of `std` squared, and its degrees of freedom."""
-    group = data.replicate_groups()
+    group = _close_in_time(data, data.replicate_groups())
     weight = std**-2
     means = np.bincount(group, values * weight) / np.bincount(group, weight)
     degrees = int(np.sum(np.bincount(group) - 1))
     squares = np.sum(((values - means[group]) / std) ** 2)
     return (float(squares / degrees) if degrees else 0.0), degrees
+
+
+def _close_in_time(data: Measurements, group: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Groups of replicates [n], split where one comes long after the others: what drifts meanwhile is no noise."""
+    time_s, later = data.columns.get("time_s"), np.zeros(data.count, np.intp)
+    if time_s is None:
+        return group
+    for rows in (np.flatnonzero(group == g) for g in np.flatnonzero(np.bincount(group) > 2)):
+        rows_by_time = rows[np.argsort(time_s[rows], kind="stable")]
+        gap_s = np.diff(time_s[rows_by_time])
+        later[rows_by_time[1:]] = np.cumsum(gap_s > LONG_AFTER * np.median(gap_s))
+    return np.unique(np.stack([group, later]), axis=1, return_inverse=True)[1].ravel()
 
 
 def rows_in_order(data: Measurements) -> list[NDArray[np.intp]]:
