@@ -17,7 +17,7 @@ from model.diagnosis.space import FARTHEST
 from model.effects import CATALOGUE, Effect
 from model.support.arrays import Array
 
-PRIOR_NONE, PRIOR_UNKNOWN = 0.5, 0.1
+PRIOR_NONE, PRIOR_UNKNOWN = 0.3, 0.14
 PRIOR_EFFECTS = 1.0 - PRIOR_NONE - PRIOR_UNKNOWN  # shared by all of the catalogue
 SURE = 0.95  # the probability that a name, or a group of them, must have
 STARTS = (0.0, -2.0, 1.5, -3.0)

@@ -32,7 +32,7 @@ from model.diagnosis.weighing import (
 )
 from model.diagnosis.where import Disagreement
 
-NOTHING = 0.90
+NOTHING, LIKELY_NONE = 0.8, 0.35  # of none: from which nothing else is looked at; with which nothing certain is none
 NAME_REMAINDER = 0.18  # of the effect's own signature: what may be left beside a name,
 LIST_REMAINDER = 0.37  # and beside a list; pilot sets: strangers that effects half explain leave 0.2 and 0.38 up
 SEVERAL_CERTAIN = 0.98
@@ -150,7 +150,7 @@ def _of_no_effect(weighed: Weighed, probabilities: dict[str, float]) -> Verdict 
     if probabilities[UNKNOWN] >= 0.5:
         reason = "a discrepancy of unknown shape is the most probable"
         return Verdict("unexplained", False, weighed.base, probabilities, {}, (reason,))
-    if probabilities[NONE] >= 0.5:
+    if probabilities[NONE] >= LIKELY_NONE:
         reason = "nothing is certain; none is the most probable"
         return Verdict("no_discrepancy", True, weighed.base, probabilities, {}, (reason,))
     return None

@@ -20,7 +20,7 @@ from model.diagnosis.naming import (
     separation,
 )
 
-DISCREPANCY_WINS = 1.0 / PRIOR_UNKNOWN  # Bayes factor from which one beside the effect is the more probable
+DISCREPANCY_WINS = 10.0  # Bayes factor from which one stands beside an effect
 LACK_OF_FIT = 5e-4  # pilot sets: clear effects of another form reach 0.001, strangers that only this test sees none
 MIMICS = PRIOR_UNKNOWN / PRIOR_EFFECTS  # of an effect's prior: something unknown that looks like it, but for its form
 PARTICULAR = 0.25  # of a nat, what each nat beyond a discrepancy of any shape says against a look-alike; pilot sets

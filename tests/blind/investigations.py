@@ -42,8 +42,8 @@ from .generator.touch import STEADY_SPEED, Finger, Rows
 from .generator.witnesses import Truth, truth_of
 from .scores import wilson
 
+ROUNDS = 4
 CHOSEN, RANDOM = "chosen", "at random"
-ROUNDS = {CHOSEN: 4, RANDOM: 10}  # chance is given the time that it needs
 TIME_STEP_S = 0.05  # effects of time see it in steps this long
 FEW = """
 name = "few"
@@ -100,12 +100,12 @@ def random_choice(seed: int) -> Iterator[None]:
         product.design, product.design_for_unseen = design, design_for_unseen
 
 
-def asked(hidden: list[str], function: Callable[..., Any], plan: Plan, seed: int, how: str) -> dict[str, Any]:
+def asked(hidden: list[str], function: Callable[..., Any], plan: Plan, seed: int) -> dict[str, Any]:
     """One investigation: its outcome, the names, and what it took; `beyond`: settings that the first plan has not."""
     subject = Subject(load_rig("simulated"), load_model("reference"), plan, FingerFunction(function), seed)
     first = prepare(subject.config, TouchModel(subject.description), plan).rows
     with tempfile.TemporaryDirectory() as folder, without_pictures():
-        found = investigate(subject, Path(folder), Budget(rounds=ROUNDS[how]))
+        found = investigate(subject, Path(folder), Budget(rounds=ROUNDS))
     names = [effect["name"] for effect in found.diagnosis["effects"]]
     alike = [other for effect in found.diagnosis["effects"] for other in effect["indistinguishable_from"]]
     return {
@@ -139,7 +139,9 @@ def settings_to_a_name(pairs: Sequence[dict[str, Any]]) -> str:
     later = [pair for pair in pairs if len(pair) > 1 and max(got["rounds"] for got in pair.values()) > 1]
     if not later:
         return ""
-    took = {how: [pair[how]["beyond"] if _is_right(pair[how]) else math.inf for pair in later] for how in ROUNDS}
+    took = {
+        how: [pair[how]["beyond"] if _is_right(pair[how]) else math.inf for pair in later] for how in (CHOSEN, RANDOM)
+    }
     medians = (f"{statistics.median(counts):.3g} {how}" for how, counts in took.items())
     return f"settings beyond the first plan to the name, median of {len(later)}: {', '.join(medians)}; {took}\n"
 
@@ -184,10 +186,10 @@ def main() -> None:
         if not kept.exists():
             finger, rig, truth = truth_of(spec, given.seed)
             asks = partial(asked, [name for name, _ in spec.effects], finger_function(finger, rig, truth), plan)
-            pair = {CHOSEN: asks(spec.index, CHOSEN)}
+            pair = {CHOSEN: asks(spec.index)}
             if not given.chosen:
                 with random_choice(spec.index):
-                    pair[RANDOM] = asks(spec.index, RANDOM)
+                    pair[RANDOM] = asks(spec.index)
             kept.write_text(json.dumps(pair, indent=1))
         found.setdefault(spec.family, []).append(json.loads(kept.read_text()))
         said = (

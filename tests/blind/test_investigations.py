@@ -7,7 +7,7 @@ import pytest
 from haptic_driver.experiments.plan import Plan, load_plan
 
 from .generator.families import specs
-from .investigations import CHOSEN, FEW, ROUNDS, asked, finger_function, truth_of
+from .investigations import FEW, ROUNDS, asked, finger_function, truth_of
 
 SEED = 7801
 
@@ -25,8 +25,8 @@ def test_an_open_circuit_one_percent_off_is_no_discrepancy(few: Plan) -> None:
     (spec,) = specs(SEED, 1.0, counts={"W0": 1})
     finger, rig, truth = truth_of(spec, SEED)
     assert (truth, abs(rig.open_error) > 0.005) == ((), True)
-    got = asked([], finger_function(finger, rig, truth), few, 0, CHOSEN)
+    got = asked([], finger_function(finger, rig, truth), few, 0)
     assert (got["outcome"], got["rounds"]) == (
         "nothing_missing",
-        ROUNDS[CHOSEN],
+        ROUNDS,
     )  # it looks for what the plan could not see

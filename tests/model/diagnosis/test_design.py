@@ -87,6 +87,8 @@ def test_where_nothing_shows_it_is_looked_where_something_may_be_unseen(tmp_path
     chosen = design_for_unseen(seen, pool, 1, 1.0)
     assert [choice.block for choice in chosen.choices] == [1]
     assert chosen.reach["amplifier_bandwidth"] > APART
+    every = design_for_unseen(seen, pool, 9, 9.0).choices
+    assert len({choice.block for choice in every}) == len(every)  # once is enough
 
 
 def test_rows_that_contradict_kramers_and_kronig_are_left_out(tmp_path: Path) -> None:

@@ -169,9 +169,9 @@ def test_untestable_data_leave_the_priors(run: Run) -> None:
     if run.case.verdict != "not_testable":
         pytest.skip("tested")
     known = {a["name"]: a["probability"] for a in run.content["alternatives"]}
-    assert known["none"] == pytest.approx(0.5)
-    assert known["unknown"] == pytest.approx(0.1)
-    assert known["floating_body"] == pytest.approx(0.4 / len(BY_NAME))
+    assert known["none"] == pytest.approx(0.3)
+    assert known["unknown"] == pytest.approx(0.14)
+    assert known["floating_body"] == pytest.approx(0.56 / len(BY_NAME))
     assert run.content["fit"]["gap_closed"] is None
     assert run.content["reasons"]
 

@@ -136,6 +136,14 @@ class TestNoise:
         white = noise.whiten(covariance)
         np.testing.assert_allclose(noise.whiten(white.T), np.eye(data.count), atol=1e-9)
 
+    def test_what_drifts_between_readings_is_no_noise(self, read) -> None:
+        """Friction read early and five minutes later: that it had aged by a third was taken for its scatter."""
+        early, late = ([0.30, 0.303, 0.297], [0.20, 0.202, 0.198])
+        lines = [f"0,0,0.5,{c},0.003,{t}" for c, t in zip(early + late, (5, 8, 11, 300, 303, 306), strict=True)]
+        noise = noise_of(read(*lines, header="frequency_hz,voltage_v,normal_force_n,cof,cof_std,time_s"))
+        assert noise.own_std == pytest.approx(np.repeat([0.01, 0.015], 3), rel=0.3)  # as stated, not 0.2
+        assert noise.warnings == ()
+
     def test_readings_of_one_setting_are_together_no_better_than_a_model(self, read) -> None:
         """A touch with nothing missing was called a film of sweat: a reference had been read in every session."""
         header = HEADER + ",electrode_voltage_std_v,electrode_voltage_phase_std_rad,session"
