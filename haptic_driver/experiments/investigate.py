@@ -37,6 +37,7 @@ ENOUGH = 4.0 * APART  # chi^2 of a round, which ends as soon as a name is earned
 AT_ONCE = 2  # of these; then it is looked whether the rest is needed
 ALIKE_HERE, SPENT = "cannot_be_told_apart", "budget_spent"
 NAMED, NOTHING_SEEN, NOTHING_MISSING = "effect_found", "no_discrepancy", "nothing_missing"
+UNTRIED = "untried"
 OUTCOMES = {NAMED: "named", "unexplained": "unexplained"}
 
 
@@ -113,19 +114,26 @@ def investigate(
                 subject.description, together([(str(path), read_measurements(path)) for path in files]), subject.seed,
                 lambda step: tell(f"round {found.rounds}: {step}"),
             )  # fmt: skip
-            if _is_answered(asked, diagnosis.name):
+            if _is_answered(asked, _answer(diagnosis)):
                 break
         with writing(folder):
             found.diagnosis = write_report(diagnosis, subject.description, folder, f"{len(files)} files of {out.name}")
-        asked, found.outcome = diagnosis.name, OUTCOMES.get(diagnosis.name, "")
+        asked = _answer(diagnosis)
+        found.outcome = OUTCOMES.get(asked, "")
         plans = [] if found.outcome else _next(subject, model, diagnosis, found, doable, budget)
         write_text(out / "investigation.json", json.dumps(found.payload(), indent=1) + "\n")
     return found
 
 
+def _answer(diagnosis: Diagnosis) -> str:
+    """The verdict, or that it is too early for one: what other effects need has not been varied yet."""
+    untested = diagnosis.findings.weighed.untestable if diagnosis.findings else []
+    return UNTRIED if untested and diagnosis.name in OUTCOMES else diagnosis.name
+
+
 def _is_answered(asked: str, now: str) -> bool:
-    """Whether a round need not go on: a name is earned, or something shows where nothing did."""
-    return now == NAMED or asked == NOTHING_SEEN != now
+    """Whether a round need not go on: a name is earned, or there is more to see than where it began."""
+    return now == NAMED or (asked in (NOTHING_SEEN, UNTRIED) and now != asked)
 
 
 def _is_done(subject: Subject, plan: Plan) -> bool:
@@ -167,10 +175,12 @@ def _next(
     """The plans of the next round, one per intervention; none with the outcome, where there is no point in any."""
     procedure = subject.plan.model_copy(update={"repeats": REPEATS, "sessions": 1})
     left_s = 60.0 * budget.minutes - found.measured_s
-    nothing_seen = diagnosis.name == NOTHING_SEEN
-    possible = choices(subject.config, model, procedure, doable, found.settings if nothing_seen else ())
-    if nothing_seen:  # so far: there may be more to see than where it was looked
-        chosen = design_for_unseen(diagnosis, possible.pool, MOST_BLOCKS, left_s)
+    answer = _answer(diagnosis)
+    unseen = answer in (NOTHING_SEEN, UNTRIED)
+    possible = choices(subject.config, model, procedure, doable, found.settings if unseen else ())
+    if unseen:  # so far: there may be more to see than where it was looked
+        only = diagnosis.findings.weighed.untestable if diagnosis.findings and answer == UNTRIED else None
+        chosen = design_for_unseen(diagnosis, possible.pool, MOST_BLOCKS, left_s, only)
     else:
         chosen = design(diagnosis, possible.pool, MOST_BLOCKS, left_s, _stubborn(found), ENOUGH)
     found.history.append(_told(diagnosis, chosen, possible.blocks))
@@ -178,7 +188,7 @@ def _next(
     if alike and all(chosen.reach[name] < ALIKE for name in alike if name in chosen.reach):
         found.outcome = ALIKE_HERE
     elif not chosen.choices or found.rounds >= budget.rounds:
-        found.outcome = NOTHING_MISSING if nothing_seen else SPENT
+        found.outcome = NOTHING_MISSING if answer == NOTHING_SEEN else OUTCOMES.get(diagnosis.name, SPENT)
     if found.outcome:
         return []
     return [

@@ -33,6 +33,7 @@ from model.diagnosis.separation import (
 from model.diagnosis.space import FARTHEST, Predictor
 from model.diagnosis.witness import WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
+from model.effects.base import Effect
 from model.effects.interventions import NOTHING
 from model.support.arrays import Array
 
@@ -94,20 +95,24 @@ def design(
     return Design(tuple(choose(pairs, pool.cost_s, most, most_s, enough)), reach)
 
 
-def design_for_unseen(diagnosis: Diagnosis, pool: Pool, most: int, most_s: float) -> Design:
+def design_for_unseen(
+    diagnosis: Diagnosis, pool: Pool, most: int, most_s: float, only: Collection[str] | None = None
+) -> Design:
     """The blocks that would show most of what the data so far could not, where nothing shows.
 
-    Of each effect of the catalogue some draws of its prior are taken that leave no trace so far and that some block
-    would show, and where more blocks are left, that the whole pool would; the faintest of them included. Finger and
-    gains may hide them.
+    Of each effect of the catalogue, or of `only` these, some draws of its prior are taken that leave no trace so far
+    and that some block would show, and where more blocks are left, that the whole pool would; the faintest of them
+    included. Finger and gains may hide them.
     """
     findings = diagnosis.findings
     if findings is None:
         return Design((), {})
     own_std, left, left_s = _own_std(findings, diagnosis.data, pool), pool.cost_s.copy(), most_s
+    testable = testable_effects(pool.observations, findings.problem.predictor.description.effects)
+    kinds = [kind for kind in testable if only is None or kind.name in only]
     choices, reach = list[Choice](), dict[str, float]()
     for reach_of in (most_by_one, by_all):
-        pairs = _unseen_pairs(findings, pool, own_std, reach_of)
+        pairs = _unseen_pairs(findings, kinds, pool, own_std, reach_of)
         reach |= {pair.names[1]: pair.reach() for pair in pairs}
         for pair, choice in product(pairs, choices):
             pair.choose(choice.block)
@@ -120,9 +125,13 @@ def design_for_unseen(diagnosis: Diagnosis, pool: Pool, most: int, most_s: float
 
 
 def _unseen_pairs(
-    findings: Findings, pool: Pool, own_std: Array, reach_of: Callable[[Told, Told], Array]
+    findings: Findings,
+    kinds: Sequence[type[Effect]],
+    pool: Pool,
+    own_std: Array,
+    reach_of: Callable[[Told, Told], Array],
 ) -> list[Pair]:
-    """The base model with each effect that may be there unseen, as far as its separation may reach what shows.
+    """The base model with each of these effects that may be there unseen, as far as it may show.
 
     The base model's parameters and gains may hide an effect, but in the data so far and in those to come alike.
     """
@@ -135,7 +144,7 @@ def _unseen_pairs(
     hides = sure[:, None] * np.nan_to_num(np.hstack([gains, slopes[:, inside]]))
     hid = np.pad(base.fit.jacobian[:, inside] / scale, ((0, 0), (gains.shape[1], 0)))
     pairs = []
-    for kind in testable_effects(data, problem.predictor.description.effects):
+    for kind in kinds:
         vectors, signatures = unseen_draws(problem, base, kind)
         difference = predictor.less(predictor.predicted((kind,), vectors), here)
         adds = np.where(np.isfinite(difference), sure * difference, 0.0)
@@ -212,14 +221,14 @@ def _pairs(findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool:
 def _own_std(findings: Findings, before: Measurements, pool: Pool) -> Array:
     """Noise of observations to come: the median of that witness's so far, or what is usual of such an instrument.
 
-    Of the mean of all readings; what no model is better than does not shrink with them.
+    Of the mean of all readings.
     """
     noise, data = findings.problem.noise, pool.observations
     std = np.empty(data.count)
     for i in data.witnesses:
         seen = noise.own_std[before.of(i)]
         single = np.median(seen) if seen.size else WITNESSES[i].usual_std or USUAL_STD
-        std[data.of(i)] = max(single / np.sqrt(pool.repeats), WITNESSES[i].least_std)
+        std[data.of(i)] = single / np.sqrt(pool.repeats)
     return std
 
 

@@ -24,6 +24,7 @@ from model.diagnosis.several import MOST_NAMED, Search, Several, is_explanation,
 from model.diagnosis.weighing import (
     Weighed,
     adequate,
+    among_alike,
     confusion,
     of_another_form,
     of_exact_form,
@@ -128,7 +129,8 @@ def decide(
         for name in (*needed, *_credible(probabilities)):  # what is named alone has to be probable, too
             group += [name] if name not in (winner.name, *group) else []
         verdict = "ambiguous" if group or remainder > NAME_REMAINDER else "effect_found"
-        return Verdict(verdict, False, winner, probabilities, {winner.name: group}, (why,))
+        told = among_alike(probabilities, winner.name, group)
+        return Verdict(verdict, False, winner, told, {winner.name: group}, (why,))
     return Verdict(
         "unexplained",
         False,
@@ -176,7 +178,8 @@ def _name_one(winner: Candidate, group: list[str], probabilities: dict[str, floa
         verdict, reason = "effect_found", "probability and separation are high" + _how_unusual(winner)
     reason += "" if exact else FORM_IS_OFF
     reason += f"; perhaps {' and '.join(words(name) for name in perhaps)} as well" if perhaps else ""
-    return Verdict(verdict, exact and not perhaps, winner, probabilities, {winner.name: rivals}, (reason,))
+    told = among_alike(probabilities, winner.name, rivals)
+    return Verdict(verdict, exact and not perhaps, winner, told, {winner.name: rivals}, (reason,))
 
 
 def _how_unusual(found: Candidate) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,6 +25,7 @@ DISCREPANCY_WINS = 10.0  # Bayes factor from which one stands beside an effect
 LACK_OF_FIT = 5e-4  # pilot sets: clear effects of another form reach 0.001, strangers that only this test sees none
 MIMICS = PRIOR_UNKNOWN / PRIOR_EFFECTS  # of an effect's prior: something unknown that looks like it, but for its form
 PARTICULAR = 0.25  # of a nat, what each nat beyond a discrepancy of any shape says against a look-alike; pilot sets
+LIST_TELLS = 1.0 / 3.0  # of what data say of the first of a list against the rest; pilot sets, see docs/diagnosis.md
 MENDED = 3.0  # times what a discrepancy beside an effect adds, the effect's own form says beyond any; pilot sets
 
 
@@ -127,6 +129,20 @@ def confusion(problem: Problem, winner: Candidate, rivals: list[Candidate]) -> d
     best = winner.alone.log_evidence
     near = [c for c in rivals if c is not winner and best - c.alone.log_evidence < NEAR_NATS]
     return {c.name: separation(problem, winner, c) for c in near}
+
+
+def among_alike(probabilities: dict[str, float], first: str, rivals: Sequence[str]) -> dict[str, float]:
+    """The same, where `first` leads a list: forms that nobody knows say much of what tells it from its rivals.
+
+    What the list has together stays.
+    """
+    listed = probabilities[first] + sum(probabilities[name] for name in rivals)
+    others = listed - probabilities[first]
+    if not 0.0 < others < probabilities[first]:
+        return probabilities
+    share = listed / (1.0 + (others / probabilities[first]) ** LIST_TELLS)
+    told = {name: probabilities[name] * (listed - share) / others for name in rivals}
+    return ranked(probabilities | told | {first: share})
 
 
 def ranked(probabilities: dict[str, float]) -> dict[str, float]:

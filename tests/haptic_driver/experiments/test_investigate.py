@@ -169,6 +169,18 @@ def test_a_round_is_measured_in_parts_of_two_and_whole_after_an_intervention() -
     assert settings == [[20.0, 50.0], [0.0, 30.0, 10.0], [0.0, 20.0]]
 
 
+def test_no_name_is_earned_before_what_other_effects_need_was_varied() -> None:
+    """At one speed a gap that widens with speed was called air breakdown."""
+
+    def after(name: str, *untestable: str) -> Any:
+        return SimpleNamespace(name=name, findings=SimpleNamespace(weighed=SimpleNamespace(untestable=untestable)))
+
+    assert rounds._answer(after("effect_found", "speed_dependent_gap")) == rounds.UNTRIED
+    assert rounds._answer(after("unexplained", "speed_dependent_gap")) == rounds.UNTRIED
+    assert rounds._answer(after("effect_found")) == "effect_found"
+    assert rounds._answer(after("ambiguous", "speed_dependent_gap")) == "ambiguous"
+
+
 @pytest.mark.parametrize(
     ("asked", "now", "answered"),
     [
@@ -178,6 +190,8 @@ def test_a_round_is_measured_in_parts_of_two_and_whole_after_an_intervention() -
         ("ambiguous", "ambiguous", False),
         ("ambiguous", "effect_found", True),
         ("ambiguous", "unexplained", False),
+        ("untried", "untried", False),
+        ("untried", "ambiguous", True),
     ],
 )
 def test_a_round_ends_as_soon_as_it_has_its_answer(asked: str, now: str, answered: bool) -> None:
@@ -231,7 +245,9 @@ def test_effects_are_not_called_alike_while_perhaps_nothing_is_missing(
     monkeypatch.setattr(rounds, "design", lambda *_: SimpleNamespace(choices=(), reach={"b": 1.0}))
     monkeypatch.setattr(rounds, "_told", lambda *_: {})
     subject: Any = SimpleNamespace(config=None, plan=SimpleNamespace(model_copy=lambda update: None))
-    diagnosis: Any = SimpleNamespace(name="ambiguous", findings=SimpleNamespace(verdict=verdict))
+    diagnosis: Any = SimpleNamespace(
+        name="ambiguous", findings=SimpleNamespace(verdict=verdict, weighed=SimpleNamespace(untestable=[]))
+    )
     found, model = Investigation(rounds=1), SimpleNamespace()
     assert rounds._next(subject, model, diagnosis, found, (), Budget()) == []  # type: ignore[arg-type]
     assert found.outcome == outcome
