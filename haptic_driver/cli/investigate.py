@@ -88,7 +88,7 @@ def _show(found: Investigation, out: Path) -> None:
     diagnosis = found.diagnosis
     names = ", ".join(effect["name"] for effect in diagnosis["effects"]) or "no name"
     stdout.print(f"{found.outcome}: {SAID[found.outcome]} ({names})")
-    table = Table("round", "verdict", "suspects", "then measured")
+    table = Table("round", "verdict", "suspects", "then proposed")
     for number, told in enumerate(found.history, start=1):
         proposals = told["proposals"]
         done = sorted({p["setting"]["intervention"] for p in proposals} - {"none"})

@@ -172,7 +172,7 @@ def _next(
     doable: Sequence[str],
     budget: Budget,
 ) -> list[Plan]:
-    """The plans of the next round, one per intervention; none with the outcome, where there is no point in any."""
+    """The plans of the next round, most telling first; none with the outcome, where there is no point in any."""
     procedure = subject.plan.model_copy(update={"repeats": REPEATS, "sessions": 1})
     left_s = 60.0 * budget.minutes - found.measured_s
     answer = _answer(diagnosis)
@@ -224,8 +224,9 @@ def _group(diagnosis: Diagnosis) -> dict[str, list[str]]:
 
 
 def _stubborn(found: Investigation) -> set[frozenset[str]]:
-    """Pairs that an earlier round was to tell apart, and which are open still."""
-    return {frozenset(proposal["separates"]) for told in found.history for proposal in told["proposals"]}
+    """Pairs that an earlier round was to tell apart, and which are open still; what was only looked for is none."""
+    rounds = [told["proposals"] for told in found.history if told["verdict"] == "ambiguous"]
+    return {frozenset(proposal["separates"]) for proposals in rounds for proposal in proposals}
 
 
 def _told(diagnosis: Diagnosis, chosen: Design, blocks: Sequence[tuple[Setting, ...]]) -> dict[str, Any]:
