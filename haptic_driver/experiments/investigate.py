@@ -37,7 +37,7 @@ ENOUGH = 4.0 * APART  # chi^2 of a round, which ends as soon as a name is earned
 AT_ONCE = 2  # of these; then it is looked whether the rest is needed
 ALIKE_HERE, SPENT = "cannot_be_told_apart", "budget_spent"
 NAMED, NOTHING_SEEN, NOTHING_MISSING = "effect_found", "no_discrepancy", "nothing_missing"
-UNTRIED = "untried"
+UNTRIED = "untried"  # of a verdict that waits for what other effects need
 OUTCOMES = {NAMED: "named", "unexplained": "unexplained"}
 
 
@@ -127,8 +127,11 @@ def investigate(
 
 def _answer(diagnosis: Diagnosis) -> str:
     """The verdict, or that it is too early for one: what other effects need has not been varied yet."""
-    untested = diagnosis.findings.weighed.untestable if diagnosis.findings else []
-    return UNTRIED if untested and diagnosis.name in OUTCOMES else diagnosis.name
+    return UNTRIED if _untested(diagnosis) and diagnosis.name in OUTCOMES else diagnosis.name
+
+
+def _untested(diagnosis: Diagnosis) -> list[str]:
+    return diagnosis.findings.weighed.untestable if diagnosis.findings else []
 
 
 def _is_answered(asked: str, now: str) -> bool:
@@ -179,7 +182,7 @@ def _next(
     unseen = answer in (NOTHING_SEEN, UNTRIED)
     possible = choices(subject.config, model, procedure, doable, found.settings if unseen else ())
     if unseen:  # so far: there may be more to see than where it was looked
-        only = diagnosis.findings.weighed.untestable if diagnosis.findings and answer == UNTRIED else None
+        only = _untested(diagnosis) if answer == UNTRIED else None
         chosen = design_for_unseen(diagnosis, possible.pool, MOST_BLOCKS, left_s, only)
     else:
         chosen = design(diagnosis, possible.pool, MOST_BLOCKS, left_s, _stubborn(found), ENOUGH)

@@ -28,8 +28,8 @@ SPECTRUM_HZ = {"low": 10.0, "high": 1e6, "per_decade": 3}
 SPECTRUM_V = (1.0, 5.0, 40.0)  # what bends with the voltage shows beside less of it, also where the limits allow little
 LOOK_S = 20.0  # that it takes to see what a block says
 HANDS_S = 60.0  # that an intervention takes
-REFERENCE = Setting(0.0, 0.0, 0.5, SPEED_REFERENCE_M_S)  # friction without voltage
-SPECTRUM_REFERENCE = Setting(1e3, 5.0, 0.5, 0.0, finger="resting", sweep=True)
+REFERENCE = Setting(0.0, 0.0, LOADS_N[1], SPEED_REFERENCE_M_S)  # friction without voltage
+SPECTRUM_REFERENCE = Setting(1e3, SPECTRUM_V[1], LOADS_N[1], 0.0, finger="resting", sweep=True)
 WHILES_S = (5.0, 15.0, 290.0, 300.0)  # from the beginning of a session: what drifts shows beside itself
 USUAL_TIME_S = 60.0  # of a row that is measured at no time in particular
 
@@ -46,9 +46,8 @@ def choices(
 ) -> Choices:
     """Everything worth measuring within the rig's limits; `interventions` by name are those that can be done.
 
-    What is `known` is not measured again: where a model is off, it is off in every reading.
-
-    With every setting comes a reference, which tells the gain of its session: one setting alone tells nothing.
+    With every setting comes a reference, which tells the gain of its session: one setting alone tells nothing. What is
+    `known` is not measured again: where a model is off, it is off in every reading.
     """
     blocks: list[tuple[Setting, ...]] = [(REFERENCE, setting) for setting in _settings(config)]
     blocks += [(SPECTRUM_REFERENCE, setting) for spectrum in _spectra(NOTHING) for setting in spectrum]
@@ -60,7 +59,8 @@ def choices(
     points, _ = check(list(allowed.values()), procedure, config, model)
     usable = {s for s in points if not s.by_meter}  # nobody is asked to wire the electrode anew
     kept = [tuple(allowed[s] for s in block if allowed[s] in usable) for block in blocks]
-    permitted = tuple(block for block in kept if set(block) - {REFERENCE, SPECTRUM_REFERENCE, *known})
+    nothing_new = {allowed[REFERENCE], allowed[SPECTRUM_REFERENCE], *known}
+    permitted = tuple(dict.fromkeys(block for block in kept if not nothing_new.issuperset(block)))  # limits make alike
     cost_s = [REPEATS * len(block) * procedure.row_s + _besides_s(block) for block in permitted]
     return Choices(permitted, _pool(config, permitted, np.array(cost_s)))
 

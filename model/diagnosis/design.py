@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -107,31 +106,41 @@ def design_for_unseen(
     findings = diagnosis.findings
     if findings is None:
         return Design((), {})
-    own_std, left, left_s = _own_std(findings, diagnosis.data, pool), pool.cost_s.copy(), most_s
     testable = testable_effects(pool.observations, findings.problem.predictor.description.effects)
     kinds = [kind for kind in testable if only is None or kind.name in only]
+    unseen = _unseen(findings, kinds, pool, _own_std(findings, diagnosis.data, pool))
     choices, reach = list[Choice](), dict[str, float]()
     for reach_of in (most_by_one, by_all):
-        pairs = _unseen_pairs(findings, kinds, pool, own_std, reach_of)
+        pairs = [pair for each in unseen for pair in each.shown(reach_of)]
         reach |= {pair.names[1]: pair.reach() for pair in pairs}
-        for pair, choice in product(pairs, choices):
-            pair.choose(choice.block)
-        chosen = choose(pairs, left, most - len(choices), left_s, SHOWS)
-        choices += chosen
-        taken = [choice.block for choice in chosen]
-        left_s -= float(pool.cost_s[taken].sum())
-        left[taken] = np.inf  # once is enough
+        choices = choose(pairs, pool.cost_s, most, most_s, SHOWS, first=choices)
     return Design(tuple(choices), reach)
 
 
-def _unseen_pairs(
-    findings: Findings,
-    kinds: Sequence[type[Effect]],
-    pool: Pool,
-    own_std: Array,
-    reach_of: Callable[[Told, Told], Array],
-) -> list[Pair]:
-    """The base model with each of these effects that may be there unseen, as far as it may show.
+class _Unseen(NamedTuple):
+    """The base model with an effect that may be there unseen: draws of its prior [m], told so far and by each block."""
+
+    names: tuple[str, str]
+    so_far: Told
+    blocks: Told
+
+    def shown(self, reach_of: Callable[[Told, Told], Array]) -> list[Pair]:
+        """Some of the draws that can be made to show, from the faintest on; they weigh as many as they stand for."""
+        reach = reach_of(self.so_far, self.blocks)
+        shown = np.argsort(reach)[np.count_nonzero(reach < SHOWS) :]
+        return [
+            Pair(
+                self.names,
+                float(shown.size),
+                Told(self.blocks.normal, self.blocks.moment[:, i], self.blocks.square[:, i]),
+                Told(self.so_far.normal, self.so_far.moment[i], self.so_far.square[i]),
+            )
+            for i in shown[np.unique(np.linspace(0, shown.size - 1, min(FAINT, shown.size)).astype(int))]
+        ]
+
+
+def _unseen(findings: Findings, kinds: Sequence[type[Effect]], pool: Pool, own_std: Array) -> list[_Unseen]:
+    """Each of these effects as it may be there unseen.
 
     The base model's parameters and gains may hide an effect, but in the data so far and in those to come alike.
     """
@@ -143,20 +152,15 @@ def _unseen_pairs(
     gains = _session_gains(data)
     hides = sure[:, None] * np.nan_to_num(np.hstack([gains, slopes[:, inside]]))
     hid = np.pad(base.fit.jacobian[:, inside] / scale, ((0, 0), (gains.shape[1], 0)))
-    pairs = []
+    found = []
     for kind in kinds:
         vectors, signatures = unseen_draws(problem, base, kind)
         difference = predictor.less(predictor.predicted((kind,), vectors), here)
         adds = np.where(np.isfinite(difference), sure * difference, 0.0)
         so_far = nothing(hides.shape[1]) + told_by(signatures, hid)
         blocks = by_block(adds, hides, pool.block, pool.cost_s.size)
-        reach = reach_of(so_far, blocks)
-        shown = np.argsort(reach)[np.count_nonzero(reach < SHOWS) :]  # the faintest first
-        for i in shown[np.unique(np.linspace(0, shown.size - 1, min(FAINT, shown.size)).astype(int))]:
-            of_draw = Told(blocks.normal, blocks.moment[:, i], blocks.square[:, i])
-            told = Told(so_far.normal, so_far.moment[i], so_far.square[i])
-            pairs.append(Pair((base.name, kind.name), float(shown.size), of_draw, told))
-    return pairs
+        found.append(_Unseen((base.name, kind.name), so_far, blocks))
+    return found
 
 
 def _mean_and_spread(predictor: Predictor, candidate: Candidate, vector: Array) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -99,9 +99,9 @@ def by_all(so_far: Told, blocks: Told) -> Array:
 
 @dataclass
 class Pair:
-    """Two models, what they weigh, what each block would tell of them, and what is told so far.
+    """Two models, what they weigh, what each block would tell of them, and what the blocks chosen so far have told.
 
-    Nothing is told before anything is measured; by the blocks that are chosen then.
+    `told` begins with what data have told already, or `nothing`.
     """
 
     names: tuple[str, str]
@@ -134,14 +134,23 @@ def weights(probabilities: Sequence[float]) -> dict[tuple[int, int], float]:
 
 
 def choose(
-    pairs: Sequence[Pair], cost: Array, most: int, most_cost: float, enough: float, least: float = LEAST_GAIN
+    pairs: Sequence[Pair],
+    cost: Array,
+    most: int,
+    most_cost: float,
+    enough: float,
+    least: float = LEAST_GAIN,
+    first: Sequence[Choice] = (),
 ) -> list[Choice]:
     """At most `most` of the blocks, that together cost at most `most_cost`, those that tell most per cost first.
 
     `cost` [blocks]; of each pair counts what is told up to `enough`, in chi^2. A block that adds less than `least` of
-    all that is to be told is not chosen.
+    all that is to be told is not chosen. It begins with what was chosen `first`, for other pairs.
     """
-    left, choices = set(range(cost.size)), list[Choice]()
+    left, choices = set(range(cost.size)) - {choice.block for choice in first}, list(first)
+    most_cost -= float(sum(cost[choice.block] for choice in first))
+    for pair, choice in product(pairs, first):
+        pair.choose(choice.block)
     weight = np.array([[pair.weight] for pair in pairs])
     while pairs and len(choices) < most:
         possible = np.array(sorted(b for b in left if cost[b] <= most_cost), dtype=np.intp)
@@ -153,9 +162,9 @@ def choose(
         if weighed.sum(axis=0).max() < least * enough * weight.sum():
             break
         best = int(np.argmax(weighed.sum(axis=0) / cost[possible]))
-        block, first = int(possible[best]), int(np.argmax(weighed[:, best]))
+        block, chief = int(possible[best]), int(np.argmax(weighed[:, best]))
         added = [pair.choose(block) for pair in pairs]
-        choices.append(Choice(block, pairs[first].names, added[first]))
+        choices.append(Choice(block, pairs[chief].names, added[chief]))
         left.discard(block)
         most_cost -= float(cost[block])
     return choices

@@ -33,7 +33,8 @@ from model.diagnosis.weighing import (
 )
 from model.diagnosis.where import Disagreement
 
-NOTHING, LIKELY_NONE = 0.8, 0.35  # of none: from which nothing else is looked at; with which nothing certain is none
+NOTHING = 0.8  # probability of none from which nothing else is looked at,
+LIKELY_NONE = 0.35  # and from which it is the verdict where no effect is certain
 NAME_REMAINDER = 0.18  # of the effect's own signature: what may be left beside a name,
 LIST_REMAINDER = 0.37  # and beside a list; pilot sets: strangers that effects half explain leave 0.2 and 0.38 up
 SEVERAL_CERTAIN = 0.98

@@ -161,9 +161,7 @@ def table(found: dict[str, list[dict[str, Any]]]) -> str:
         lines.append(
             f"| {' '.join(got['hidden']) or 'nothing'} | {how} | {got['outcome']} | {names} | {others} | {took} |"
         )
-    known = [
-        pair for pairs in found.values() for pair in pairs if not {*pair[CHOSEN]["hidden"], ""} <= {*STRANGERS, ""}
-    ]
+    known = [pair for pairs in found.values() for pair in pairs if set(pair[CHOSEN]["hidden"]) - set(STRANGERS)]
     return "\n".join(lines) + "\n\n" + settings_to_a_name(known)
 
 
