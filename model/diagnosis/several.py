@@ -177,9 +177,9 @@ def several_effects(
 
     Beside a winner that fits alone, a second effect counts by what the data say in favour of its form, as one of two
     rivals would; beside one that does not fit, it must do more than a discrepancy of unknown shape, or be needed beside
-    that as well. Either way it must do more than the first in a form far off. Where both act at one place by more:
-    another form of the one may look like the two. Effects that fit and do about as much as that discrepancy are not
-    certain.
+    that as well. Either way it must do more than the first in a form far off. Where both act at one place by more, and
+    by more still where neither has the catalogue's form: another form of the one may look like the two. Effects that
+    fit and do about as much as that discrepancy are not certain.
     """
 
     def fits(candidate: Candidate) -> bool:
@@ -191,7 +191,8 @@ def several_effects(
         if gain <= ANOTHER_NATS:
             return None
         least = BESIDE_A_FIT_NATS if one_fits else ANOTHER_NATS
-        enough = NEAR_NATS if len({kind.stage for kind in more.kinds}) < len(more.kinds) else least
+        apart = len({kind.stage for kind in more.kinds}) == len(more.kinds)
+        enough = least if apart else NEAR_NATS if of_exact_form(more) else KIN_NATS
         far_off = np.log(MIMICS) + chosen.alone.rough
         if one_fits:
             over = more.alone.log_evidence - max(chosen.alone.log_evidence, far_off)

@@ -111,13 +111,8 @@ def decide(
     if one_fits and (settled := _of_no_effect(weighed, probabilities)):
         return settled
 
-    alike = confusion(problem, winner, weighed.singles)
-    group = [name for name, value in alike.items() if value < TOGETHER]
-    group += [
-        c.name
-        for c in weighed.singles
-        if c.name not in (winner.name, *group) and could_stand_for(c, winner, base, one_fits)
-    ]
+    alike = [name for name, value in confusion(problem, winner, weighed.singles).items() if value < TOGETHER]
+    group = [*alike, *_of_another_form(weighed, alike, one_fits)]
     if one_fits:
         return _name_one(winner, group, probabilities, _perhaps(search, winner))
 
@@ -142,15 +137,27 @@ def decide(
     )
 
 
+def _of_another_form(weighed: Weighed, alike: list[str], fits: bool) -> list[str]:
+    """What, in another form, could stand for the winner or for one that is `alike`."""
+    names = {weighed.winner.name, *alike}
+    listed = [c for c in weighed.singles if c.name in names]
+    others = [c for c in weighed.singles if c.name not in names]
+    return [c.name for c in others if any(could_stand_for(c, one, weighed.base, fits) for one in listed)]
+
+
 def _effects(probabilities: dict[str, float]) -> dict[str, float]:
     return {name: value for name, value in probabilities.items() if name not in (NONE, UNKNOWN)}
 
 
 def _of_no_effect(weighed: Weighed, probabilities: dict[str, float]) -> Verdict | None:
-    """The verdict where no effect is certain and something else is the most probable."""
-    if sum(_effects(probabilities).values()) >= SURE:
+    """The verdict where no effect is certain and something else is the most probable.
+
+    Something unknown is not told apart from an effect without which it is not certain.
+    """
+    effects = _effects(probabilities)
+    if sum(effects.values()) >= SURE:
         return None
-    if probabilities[UNKNOWN] >= 0.5:
+    if probabilities[UNKNOWN] >= 0.5 and not any(name in effects for name in _fewest(probabilities)):
         reason = "a discrepancy of unknown shape is the most probable"
         return Verdict("unexplained", False, weighed.base, probabilities, {}, (reason,))
     if probabilities[NONE] >= LIKELY_NONE:
@@ -168,10 +175,10 @@ def _perhaps(search: Search, winner: Candidate) -> list[str]:
 
 
 def _name_one(winner: Candidate, group: list[str], probabilities: dict[str, float], perhaps: list[str]) -> Verdict:
-    """The winner, or a list that it leads; `perhaps` stands beside it."""
+    """The winner, or a list that it leads, of all that is certain only together; `perhaps` stands beside it."""
     effects = _effects(probabilities)
     certain = sum(effects.values()) >= SURE
-    members = dict.fromkeys([winner.name, *group, *_credible(ranked(effects))])
+    members = dict.fromkeys([*group, *(name for name in _fewest(probabilities) if name in effects)])
     rivals = [name for name in members if name != winner.name]
     reason = "these data cannot tell the group's members apart" if certain else "no candidate is certain; ranked"
     verdict, exact = "ambiguous", of_exact_form(winner)
@@ -209,8 +216,13 @@ def _needed_beside_discrepancy(weighed: Weighed, group: list[str]) -> list[str]:
 def _credible(probabilities: dict[str, float]) -> list[str]:
     """The fewest effects that hold SURE of the probability together; none where all do not."""
     effects = _effects(probabilities)
-    enough = np.flatnonzero(np.cumsum(list(effects.values())) >= SURE)
-    return list(effects)[: enough[0] + 1] if enough.size else []
+    return _fewest(effects) if sum(effects.values()) >= SURE else []
+
+
+def _fewest(probabilities: dict[str, float]) -> list[str]:
+    """The first of these, the largest first, that hold SURE together."""
+    enough = int(np.searchsorted(np.cumsum(list(probabilities.values())), SURE))
+    return list(probabilities)[: enough + 1]
 
 
 def _remainder(problem: Problem, winner: Candidate, base: Candidate) -> float:

@@ -56,7 +56,7 @@ def size(kind: Any, x: float, answer: Callable[[Any, Array], Array]) -> Array:
 @pytest.mark.parametrize(("power", "times"), [(0.5, 1.0), (1.5, 1.5), (2.0, 2.0), (4.0, 2.0)])
 def test_an_effect_that_grows_faster_than_its_strength_may_be_off_by_more(x: float, power: float, times: float) -> None:
     """A tenth of the voltage scale of a nonlinear skin is a fifth of its signature: strong ones were unexplained."""
-    scale = 50.0 * 6.0**x
+    scale = 4.0 * 8.0**x
     expected = times * (VOLTAGES / scale) ** power
     assert size(NONLINEAR, x, lambda v0, v: (v / v0) ** power) == pytest.approx(expected, rel=0.01)
 

@@ -25,14 +25,14 @@ UNITS = {
     "cutoff_hz": "Hz", "slew_rate_v_per_s": "V/s", "resistance_ohm": "ohm", "body_capacitance_f": "F",
     "voltage_scale_v": "V", "insulator_conductivity_s_per_m": "S/m", "transfer_resistance_ohm_m2": "ohm m^2",
     "admittance_s_sn_per_m2": "S s^n/m^2", "gap_conductivity_s_per_m": "S/m", "sweat_conductivity_s_per_m": "S/m",
-    "lift_m": "m", "speed_scale_m_s": "m/s", "surface_voltage_v": "V", "breakdown_field_v_per_m": "V/m",
+    "lift_m": "m", "gap_m": "m", "speed_scale_m_s": "m/s", "surface_voltage_v": "V", "breakdown_field_v_per_m": "V/m",
     "pressure_pa": "Pa", "coefficient_pa_per_v2": "Pa/V^2", "saturation_v": "V", "time_constant_s": "s",
 }  # fmt: skip
 EVERY_PARAMETER = [pytest.param(p, id=f"{e.name}.{p.name}") for e in CATALOGUE for p in e.parameters()]
 every_effect = pytest.mark.parametrize("effect", CATALOGUE, ids=NAMES)
 
 # Pairs whose order counts: a clipped amplitude before or after it is changed; a share of sweat in air that conducts
-# before or after; and the skin's share of the voltage before or after another layer changes.
+# before or after; and the skin's share of the voltage before or after another layer, or the gap, changes.
 ORDERED = {
     frozenset(pair)
     for pair in [
@@ -43,6 +43,8 @@ ORDERED = {
         ("skin_nonlinearity", "floating_body"),
         ("skin_nonlinearity", "skin_hydration"),
         ("skin_nonlinearity", "johnsen_rahbek"),
+        ("skin_nonlinearity", "humid_gap_conduction"),
+        ("skin_nonlinearity", "sweat_film"),
     ]
 }
 

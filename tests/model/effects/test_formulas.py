@@ -189,17 +189,43 @@ class TestSkinHydration:
 
 
 class TestSkinNonlinearity:
+    @pytest.mark.parametrize("gap_m", [0.0, 6e-6])
     @pytest.mark.parametrize(("frequency_hz", "voltage_v"), [(10.0, 75.0), (250.0, 30.0), (1e5, 100.0)])
-    def test_is_a_better_conductor(self, with_effects, variant, frequency_hz: float, voltage_v: float) -> None:
-        """V_skin is V |d2/k2|/|d1/k1 + d2/k2|, of the skin as it is without voltage."""
-        skin = 200e-6 / complex(GABRIEL_DRY.permittivity(np.array([frequency_hz]))[0])
-        insulator = 1e-6 / (3.9 + 1e-13 / (2j * np.pi * frequency_hz * EPS0))
-        across = voltage_v * abs(skin) / abs(skin + insulator)
-        got = with_effects(BY_NAME["skin_nonlinearity"](voltage_scale_v=0.5))
+    def test_is_a_better_conductor(
+        self, with_effects, variant, frequency_hz: float, voltage_v: float, gap_m: float
+    ) -> None:
+        """V_skin is V |d2/k2|/|d1/k1 + gap + d2/k2| of the skin as it conducts then: halved until both agree."""
+        skin = complex(GABRIEL_DRY.permittivity(np.array([frequency_hz]))[0])
+        jw_eps0 = 2j * np.pi * frequency_hz * EPS0
+        others = 1e-6 / (3.9 + 1e-13 / jw_eps0) + gap_m / (1.0 + 1e-14 / jw_eps0)
+
+        def across_v(factor: float) -> float:
+            length = 200e-6 / complex(skin.real, skin.imag * factor)
+            return voltage_v * abs(length) / abs(others + length)
+
+        scale_v = 0.5 if gap_m == 0.0 else 0.02
+        low, high = 1.0, 1e9
+        for _ in range(200):
+            middle = (low * high) ** 0.5
+            low, high = (middle, high) if middle < 1.0 + (across_v(middle) / scale_v) ** 2 else (low, middle)
+        leakless = variant(leak_scale=0.0)
+        got = with_effects(BY_NAME["skin_nonlinearity"](voltage_scale_v=scale_v, gap_m=gap_m), base=leakless)
         c = touches(frequency_hz, voltage_v)
-        expected = variant(dielectric=Skin(1.0, 1.0 + (across / 0.5) ** 2))
-        assert_same(got.predict(c), expected.predict(c))
-        assert across > 0.3 * 0.5  # the factor differs from 1
+        assert_same(got.predict(c), variant(leak_scale=0.0, dielectric=Skin(1.0, low)).predict(c))
+        assert low > 1.05  # the factor differs from 1
+
+    @pytest.mark.parametrize("gap_m", [0.0, 7e-6, 1e-3])
+    def test_a_leak_beside_the_gap_leaves_more_to_the_skin(self, with_effects, variant, gap_m: float) -> None:
+        """As much as without a gap where it leaks a lot; where there is no gap, nothing leaks beside it."""
+        skin_s = [
+            with_effects(BY_NAME["skin_nonlinearity"](1.0, gap_m), base=variant(leak_scale=leak))
+            .predict(touches(250.0, 75.0))
+            .stuck_current_rms_a[0]
+            for leak in (0.0, 1.0, 1e5)
+        ]
+        touching = with_effects(BY_NAME["skin_nonlinearity"](1.0, 0.0)).predict(touches(250.0, 75.0))
+        assert skin_s[2] == pytest.approx(touching.stuck_current_rms_a[0], rel=1e-3)
+        assert skin_s[0] < skin_s[1] < skin_s[2] if gap_m else skin_s[0] == skin_s[2]
 
 
 class TestConduction:
