@@ -17,11 +17,12 @@ class ContactAgeing(Effect):
     name = "contact_ageing"
     stage = "friction"
     physics = "the contact softens, moistens or wears in over time"
+    source = "finger pads on glass under occlusion, several-fold: 10.1007/s11249-011-9828-0; ranges unverified"
     signature = "friction without voltage drifts along the measurement; no trace in the current"
     check = "repeat the first condition at the end"
     needs = ("time_s",)
 
-    share: float = linear_parameter("1", 0.0, 0.15, (-3.0, 0.95), off=0.0)
+    share: float = linear_parameter("1", 0.0, 0.35, (-3.0, 0.95), off=0.0)
     time_constant_s: float = log_parameter("s", 60.0, 5.0, (1e-3, 1e7), off=1.0)
 
     def friction(self, friction: Friction, drive: Drive) -> Friction:
