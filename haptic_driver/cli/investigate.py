@@ -89,11 +89,13 @@ def _show(found: Investigation, out: Path) -> None:
     names = ", ".join(effect["name"] for effect in diagnosis["effects"]) or "no name"
     stdout.print(f"{found.outcome}: {SAID[found.outcome]} ({names})")
     table = Table("round", "verdict", "suspects", "then proposed")
-    for number, told in enumerate(found.history, start=1):
+    for told in found.history:
         proposals = told["proposals"]
         done = sorted({p["setting"]["intervention"] for p in proposals} - {"none"})
         what = f"{sum(p['settings'] for p in proposals)} settings" + (f", after {', '.join(done)}" if done else "")
-        table.add_row(str(number), told["verdict"], ", ".join(told["suspects"]), what if proposals else "nothing")
+        table.add_row(
+            str(told["round"]), told["verdict"], ", ".join(told["suspects"]), what if proposals else "nothing"
+        )
     if found.history:
         stdout.print(table)
     stdout.print(f"{found.rows} rows in {found.rounds} rounds, {found.measured_s / 60.0:.0f} min of measuring")

@@ -103,8 +103,9 @@ def investigate(
     plans, files, asked = [subject.plan], list[Path](), ""
     while not found.outcome:
         found.rounds += 1
-        folder = out / f"round-{found.rounds}"
-        for number, plan in enumerate(plans):
+        folder, number = out / f"round-{found.rounds}", 0
+        while plans:
+            plan, *plans = plans
             if not _is_done(subject, plan):
                 doable.remove(plan.intervention)
                 continue
@@ -114,12 +115,15 @@ def investigate(
                 subject.description, together([(str(path), read_measurements(path)) for path in files]), subject.seed,
                 lambda step: tell(f"round {found.rounds}: {step}"),
             )  # fmt: skip
-            if _is_answered(asked, _answer(diagnosis)):
-                break
+            number, answer = number + 1, _answer(diagnosis)
+            if _is_answered(asked, answer):
+                goes_on = Budget(found.rounds + 1, budget.minutes)
+                plans = [] if answer in OUTCOMES else _next(subject, model, diagnosis, found, doable, goes_on)
+                asked = answer
         with writing(folder):
             found.diagnosis = write_report(diagnosis, subject.description, folder, f"{len(files)} files of {out.name}")
         asked = _answer(diagnosis)
-        found.outcome = OUTCOMES.get(asked, "")
+        found.outcome = found.outcome or OUTCOMES.get(asked, "")
         plans = [] if found.outcome else _next(subject, model, diagnosis, found, doable, budget)
         write_text(out / "investigation.json", json.dumps(found.payload(), indent=1) + "\n")
     return found
@@ -135,7 +139,10 @@ def _untested(diagnosis: Diagnosis) -> list[str]:
 
 
 def _is_answered(asked: str, now: str) -> bool:
-    """Whether a round need not go on: a name is earned, or there is more to see than where it began."""
+    """Whether a round has its answer: a name is earned, or there is more to see than where it began.
+
+    What shows is then told apart in the same round.
+    """
     return now == NAMED or (asked in (NOTHING_SEEN, UNTRIED) and now != asked)
 
 
@@ -186,7 +193,7 @@ def _next(
         chosen = design_for_unseen(diagnosis, possible.pool, MOST_BLOCKS, left_s, only)
     else:
         chosen = design(diagnosis, possible.pool, MOST_BLOCKS, left_s, _stubborn(found), ENOUGH)
-    found.history.append(_told(diagnosis, chosen, possible.blocks))
+    found.history.append(_told(found, diagnosis, chosen, possible.blocks))
     alike = [name for names in _group(diagnosis).values() for name in names] if _is_sure_of_some(diagnosis) else []
     if alike and all(chosen.reach[name] < ALIKE for name in alike if name in chosen.reach):
         found.outcome = ALIKE_HERE
@@ -232,9 +239,12 @@ def _stubborn(found: Investigation) -> set[frozenset[str]]:
     return {frozenset(proposal["separates"]) for proposals in rounds for proposal in proposals}
 
 
-def _told(diagnosis: Diagnosis, chosen: Design, blocks: Sequence[tuple[Setting, ...]]) -> dict[str, Any]:
+def _told(
+    found: Investigation, diagnosis: Diagnosis, chosen: Design, blocks: Sequence[tuple[Setting, ...]]
+) -> dict[str, Any]:
     """One round in words and numbers: its verdict, what is proposed, and what even everything could tell."""
     return {
+        "round": found.rounds,
         "verdict": diagnosis.name,
         "suspects": diagnosis.findings.verdict.suspects if diagnosis.findings else [],
         "proposals": [

@@ -251,3 +251,34 @@ def test_effects_are_not_called_alike_while_perhaps_nothing_is_missing(
     found, model = Investigation(rounds=1), SimpleNamespace()
     assert rounds._next(subject, model, diagnosis, found, (), Budget()) == []  # type: ignore[arg-type]
     assert found.outcome == outcome
+
+
+def test_what_shows_is_told_apart_in_the_same_round(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A round ended where something showed, and four were spent on a friction that 16 settings named."""
+    answers = iter(["no_discrepancy", "no_discrepancy", "ambiguous", "ambiguous", "effect_found"])
+    plans = iter([["look", "look further", "for nothing"], ["tell", "tell further", "for nothing"]])
+    measured: list[tuple[str, str, int]] = []
+    asked: list[tuple[str, int, int]] = []
+
+    def measure(subject: object, model: object, plan: str, folder: Path, found: Investigation, number: int) -> Path:
+        measured.append((folder.name, plan, number))
+        return folder / "data.csv"
+
+    def propose(*given: Any) -> list[str]:
+        asked.append((given[2].name, given[3].rounds, given[5].rounds))
+        return next(plans)
+
+    verdict = SimpleNamespace(findings=None)
+    fakes = {
+        "able": lambda *_: [], "_is_done": lambda *_: True, "_measure": measure, "_next": propose,
+        "read_measurements": lambda path: path, "together": lambda files: files, "write_report": lambda *_: {},
+        "diagnose": lambda *_: SimpleNamespace(name=next(answers), **vars(verdict)),
+    }  # fmt: skip
+    for name, fake in fakes.items():
+        monkeypatch.setattr(rounds, name, fake)
+    subject = SimpleNamespace(config=None, finger=None, description=None, plan="first", seed=0)
+    found = investigate(subject, tmp_path, Budget(rounds=2))  # type: ignore[arg-type]
+    looked = [("round-2", "look", 0), ("round-2", "look further", 1)]
+    assert measured == [("round-1", "first", 0), *looked, ("round-2", "tell", 2), ("round-2", "tell further", 3)]
+    assert (found.outcome, found.rounds) == ("named", 2)
+    assert asked == [("no_discrepancy", 1, 2), ("ambiguous", 2, 3)]  # the last round is not over yet
