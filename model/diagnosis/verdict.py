@@ -111,8 +111,7 @@ def decide(
     if one_fits and (settled := _of_no_effect(weighed, probabilities)):
         return settled
 
-    alike = [name for name, value in confusion(problem, winner, weighed.singles).items() if value < TOGETHER]
-    group = [*alike, *_of_another_form(weighed, alike, one_fits)]
+    group = _alike(problem, weighed, one_fits)
     if one_fits:
         return _name_one(winner, group, probabilities, _perhaps(search, winner))
 
@@ -137,12 +136,12 @@ def decide(
     )
 
 
-def _of_another_form(weighed: Weighed, alike: list[str], fits: bool) -> list[str]:
-    """What, in another form, could stand for the winner or for one that is `alike`."""
-    names = {weighed.winner.name, *alike}
-    listed = [c for c in weighed.singles if c.name in names]
-    others = [c for c in weighed.singles if c.name not in names]
-    return [c.name for c in others if any(could_stand_for(c, one, weighed.base, fits) for one in listed)]
+def _alike(problem: Problem, weighed: Weighed, fits: bool) -> list[str]:
+    """What imitates the winner, and what, in another form, could stand for it or for one of these."""
+    found = [name for name, value in confusion(problem, weighed.winner, weighed.singles).items() if value < TOGETHER]
+    listed = [c for c in weighed.singles if c.name in (weighed.winner.name, *found)]
+    others = [c for c in weighed.singles if c.name not in (weighed.winner.name, *found)]
+    return found + [c.name for c in others if any(could_stand_for(c, one, weighed.base, fits) for one in listed)]
 
 
 def _effects(probabilities: dict[str, float]) -> dict[str, float]:
@@ -155,8 +154,6 @@ def _of_no_effect(weighed: Weighed, probabilities: dict[str, float]) -> Verdict 
     Something unknown is not told apart from an effect without which it is not certain.
     """
     effects = _effects(probabilities)
-    if sum(effects.values()) >= SURE:
-        return None
     if probabilities[UNKNOWN] >= 0.5 and not any(name in effects for name in _fewest(probabilities)):
         reason = "a discrepancy of unknown shape is the most probable"
         return Verdict("unexplained", False, weighed.base, probabilities, {}, (reason,))

@@ -199,14 +199,23 @@ def test_something_unknown_is_not_told_apart_from_an_effect_without_which_it_is_
     assert settled is None or settled.verdict == "unexplained"
 
 
-def test_what_could_be_another_form_of_a_listed_effect_is_listed_with_it() -> None:
+def test_nothing_missing_is_the_verdict_where_it_is_more_probable_than_something_unknown() -> None:
+    said = {"none": 0.6, "unknown": 0.38, "a": 0.02}
+    settled = verdict._of_no_effect(Weighed(made("none", 0.0), [], []), said)  # type: ignore[arg-type]
+    assert settled is not None
+    assert settled.verdict == "no_discrepancy"
+
+
+def test_what_could_be_another_form_of_a_listed_effect_is_listed_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """A slew limit that sets in softly looked like a roll-off, and that like a resistance, which led."""
     names = ("series_resistance", "amplifier_bandwidth", "amplifier_slew_limit", "contact_ageing")
     evidence = (0.0, -0.5, -4.8, -4.0)
     singles = [made(n, e, kinds=(BY_NAME[n],)) for n, e in zip(names, evidence, strict=True)]
     weighed = Weighed(made("none", -40.0, kinds=()), singles, [])  # type: ignore[arg-type]
-    assert verdict._of_another_form(weighed, [], True) == []
-    assert verdict._of_another_form(weighed, ["amplifier_bandwidth"], True) == ["amplifier_slew_limit"]
+    for imitates, listed in ((4.1, []), (3.9, ["amplifier_bandwidth", "amplifier_slew_limit"])):  # 4 is together
+        said = {"amplifier_bandwidth": imitates, "contact_ageing": 4.1}
+        monkeypatch.setattr(verdict, "confusion", lambda *_, said=said: said)
+        assert verdict._alike(None, weighed, True) == listed  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("gain", "perhaps"), [(0.1, ["b"]), (-0.1, [])])
