@@ -117,14 +117,15 @@ def investigate(
             )  # fmt: skip
             number, answer = number + 1, _answer(diagnosis)
             if _is_answered(asked, answer):
-                goes_on = Budget(found.rounds + 1, budget.minutes)
-                plans = [] if answer in OUTCOMES else _next(subject, model, diagnosis, found, doable, goes_on)
+                plans = [] if answer in OUTCOMES else _next(subject, model, diagnosis, found, doable, budget)
                 asked = answer
         with writing(folder):
             found.diagnosis = write_report(diagnosis, subject.description, folder, f"{len(files)} files of {out.name}")
-        asked = _answer(diagnosis)
-        found.outcome = found.outcome or OUTCOMES.get(asked, "")
+        asked = answer
+        found.outcome = found.outcome or OUTCOMES.get(answer, "")
         plans = [] if found.outcome else _next(subject, model, diagnosis, found, doable, budget)
+        if not found.outcome and found.rounds >= budget.rounds:
+            found.outcome = _at_the_end(diagnosis)
         write_text(out / "investigation.json", json.dumps(found.payload(), indent=1) + "\n")
     return found
 
@@ -132,6 +133,11 @@ def investigate(
 def _answer(diagnosis: Diagnosis) -> str:
     """The verdict, or that it is too early for one: what other effects need has not been varied yet."""
     return UNTRIED if _untested(diagnosis) and diagnosis.name in OUTCOMES else diagnosis.name
+
+
+def _at_the_end(diagnosis: Diagnosis) -> str:
+    """The outcome where nothing more is measured."""
+    return NOTHING_MISSING if diagnosis.name == NOTHING_SEEN else OUTCOMES.get(diagnosis.name, SPENT)
 
 
 def _untested(diagnosis: Diagnosis) -> list[str]:
@@ -182,7 +188,7 @@ def _next(
     doable: Sequence[str],
     budget: Budget,
 ) -> list[Plan]:
-    """The plans of the next round, most telling first; none with the outcome, where there is no point in any."""
+    """What to measure next, most telling first; nothing, and the outcome, where there is no point in any."""
     procedure = subject.plan.model_copy(update={"repeats": REPEATS, "sessions": 1})
     left_s = 60.0 * budget.minutes - found.measured_s
     answer = _answer(diagnosis)
@@ -197,8 +203,8 @@ def _next(
     alike = [name for names in _group(diagnosis).values() for name in names] if _is_sure_of_some(diagnosis) else []
     if alike and all(chosen.reach[name] < ALIKE for name in alike if name in chosen.reach):
         found.outcome = ALIKE_HERE
-    elif not chosen.choices or found.rounds >= budget.rounds:
-        found.outcome = NOTHING_MISSING if answer == NOTHING_SEEN else OUTCOMES.get(diagnosis.name, SPENT)
+    elif not chosen.choices:
+        found.outcome = _at_the_end(diagnosis)
     if found.outcome:
         return []
     return [

@@ -8,7 +8,7 @@ the product of their probabilities, up to what makes a name; a block counts by w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations, product
 from typing import NamedTuple
 
@@ -108,11 +108,11 @@ class Pair:
     weight: float
     blocks: Told
     told: Told
-    reached: float = field(init=False)
 
-    def __post_init__(self) -> None:
-        """What is told is a separation."""
-        self.reached = float(self.told.chi2())
+    @property
+    def reached(self) -> float:
+        """Separation by what is told."""
+        return float(self.told.chi2())
 
     def reach(self) -> float:
         """Separation with every block, before any is chosen."""
@@ -122,7 +122,6 @@ class Pair:
         """Take a block; returns what it adds."""
         before = self.reached
         self.told = self.told + self.blocks[block]
-        self.reached = float(self.told.chi2())
         return self.reached - before
 
 

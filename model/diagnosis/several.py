@@ -178,7 +178,7 @@ def several_effects(
     Beside a winner that fits alone, a second effect counts by what the data say in favour of its form, as one of two
     rivals would; beside one that does not fit, it must do more than a discrepancy of unknown shape, or be needed beside
     that as well. Either way it must do more than the first in a form far off. Where both act at one place by more, and
-    by more still where neither has the catalogue's form: another form of the one may look like the two. Effects that
+    by more still where their forms are not the catalogue's: another form of the one may look like the two. Effects that
     fit and do about as much as that discrepancy are not certain.
     """
 

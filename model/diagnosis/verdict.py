@@ -115,17 +115,8 @@ def decide(
     if one_fits:
         return _name_one(winner, group, probabilities, _perhaps(search, winner))
 
-    needed = _needed_beside_discrepancy(weighed, group)
-    is_other_form = of_another_form(winner, base)
-    remainder = 0.0 if is_other_form else _remainder(problem, winner, base)
-    if winner.name in needed and remainder <= LIST_REMAINDER and probabilities[UNKNOWN] < 0.5:
-        left = "its form is another" if is_other_form else f"what remains is {remainder:.0%} of its signature"
-        why = f"needed even beside a discrepancy of unknown shape; {left}"
-        for name in (*needed, *_credible(probabilities)):  # what is named alone has to be probable, too
-            group += [name] if name not in (winner.name, *group) else []
-        verdict = "ambiguous" if group or remainder > NAME_REMAINDER else "effect_found"
-        told = among_alike(probabilities, winner.name, group)
-        return Verdict(verdict, False, winner, told, {winner.name: group}, (why,))
+    if beside := _name_beside_discrepancy(problem, weighed, group):
+        return beside
     return Verdict(
         "unexplained",
         False,
@@ -139,9 +130,9 @@ def decide(
 def _alike(problem: Problem, weighed: Weighed, fits: bool) -> list[str]:
     """What imitates the winner, and what, in another form, could stand for it or for one of these."""
     found = [name for name, value in confusion(problem, weighed.winner, weighed.singles).items() if value < TOGETHER]
-    listed = [c for c in weighed.singles if c.name in (weighed.winner.name, *found)]
-    others = [c for c in weighed.singles if c.name not in (weighed.winner.name, *found)]
-    return found + [c.name for c in others if any(could_stand_for(c, one, weighed.base, fits) for one in listed)]
+    listed = {c.name: c for c in weighed.singles if c.name in (weighed.winner.name, *found)}
+    others = [c for c in weighed.singles if c.name not in listed]
+    return found + [c.name for c in others if any(could_stand_for(c, o, weighed.base, fits) for o in listed.values())]
 
 
 def _effects(probabilities: dict[str, float]) -> dict[str, float]:
@@ -185,6 +176,23 @@ def _name_one(winner: Candidate, group: list[str], probabilities: dict[str, floa
     reason += f"; perhaps {' and '.join(words(name) for name in perhaps)} as well" if perhaps else ""
     told = among_alike(probabilities, winner.name, rivals)
     return Verdict(verdict, exact and not perhaps, winner, told, {winner.name: rivals}, (reason,))
+
+
+def _name_beside_discrepancy(problem: Problem, weighed: Weighed, group: list[str]) -> Verdict | None:
+    """The winner, or a list that it leads, where it does not fit but is needed all the same."""
+    winner, probabilities = weighed.winner, weighed.probabilities
+    needed = _needed_beside_discrepancy(weighed, group)
+    is_other_form = of_another_form(winner, weighed.base)
+    remainder = 0.0 if is_other_form else _remainder(problem, winner, weighed.base)
+    if winner.name not in needed or remainder > LIST_REMAINDER or probabilities[UNKNOWN] >= 0.5:
+        return None
+    left = "its form is another" if is_other_form else f"what remains is {remainder:.0%} of its signature"
+    members = dict.fromkeys([*group, *needed, *_credible(probabilities)])  # what is named alone has to be probable, too
+    rivals = [name for name in members if name != winner.name]
+    verdict = "ambiguous" if rivals or remainder > NAME_REMAINDER else "effect_found"
+    told = among_alike(probabilities, winner.name, rivals)
+    reason = f"needed even beside a discrepancy of unknown shape; {left}"
+    return Verdict(verdict, False, winner, told, {winner.name: rivals}, (reason,))
 
 
 def _how_unusual(found: Candidate) -> str:

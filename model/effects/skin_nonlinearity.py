@@ -60,5 +60,5 @@ def _factor(fixed: Values, growing: Values, voltage: Values) -> Values:
         hold = fixed + growing * factor
         excess = (factor - 1.0) * np.abs(hold) ** 2 - voltage**2
         slope = np.abs(hold) ** 2 + 2.0 * (factor - 1.0) * np.real(hold * np.conj(growing))
-        factor = np.maximum(factor - excess / slope, 1.0)
+        factor = factor - excess / slope
     return factor

@@ -253,32 +253,47 @@ def test_effects_are_not_called_alike_while_perhaps_nothing_is_missing(
     assert found.outcome == outcome
 
 
+def without_a_rig(monkeypatch: pytest.MonkeyPatch, out: Path, **made_up: Any) -> Investigation:
+    """Two rounds of which what is measured, said and proposed is made up."""
+    silent = {
+        "able": lambda *_: [], "_is_done": lambda *_: True, "_measure": lambda *_: out, "write_report": lambda *_: {},
+        "read_measurements": lambda path: path, "together": lambda files: files,
+    }  # fmt: skip
+    for name, fake in (silent | made_up).items():
+        monkeypatch.setattr(rounds, name, fake)
+    subject = SimpleNamespace(config=None, finger=None, description=None, plan="first", seed=0)
+    return investigate(subject, out, Budget(rounds=2))  # type: ignore[arg-type]
+
+
 def test_what_shows_is_told_apart_in_the_same_round(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A round ended where something showed, and four were spent on a friction that 16 settings named."""
     answers = iter(["no_discrepancy", "no_discrepancy", "ambiguous", "ambiguous", "effect_found"])
     plans = iter([["look", "look further", "for nothing"], ["tell", "tell further", "for nothing"]])
     measured: list[tuple[str, str, int]] = []
-    asked: list[tuple[str, int, int]] = []
+    asked: list[tuple[str, int]] = []
 
     def measure(subject: object, model: object, plan: str, folder: Path, found: Investigation, number: int) -> Path:
         measured.append((folder.name, plan, number))
         return folder / "data.csv"
 
     def propose(*given: Any) -> list[str]:
-        asked.append((given[2].name, given[3].rounds, given[5].rounds))
+        asked.append((given[2].name, given[3].rounds))
         return next(plans)
 
-    verdict = SimpleNamespace(findings=None)
-    fakes = {
-        "able": lambda *_: [], "_is_done": lambda *_: True, "_measure": measure, "_next": propose,
-        "read_measurements": lambda path: path, "together": lambda files: files, "write_report": lambda *_: {},
-        "diagnose": lambda *_: SimpleNamespace(name=next(answers), **vars(verdict)),
-    }  # fmt: skip
-    for name, fake in fakes.items():
-        monkeypatch.setattr(rounds, name, fake)
-    subject = SimpleNamespace(config=None, finger=None, description=None, plan="first", seed=0)
-    found = investigate(subject, tmp_path, Budget(rounds=2))  # type: ignore[arg-type]
+    found = without_a_rig(
+        monkeypatch, tmp_path, _measure=measure, _next=propose,
+        diagnose=lambda *_: SimpleNamespace(name=next(answers), findings=None),
+    )  # fmt: skip
     looked = [("round-2", "look", 0), ("round-2", "look further", 1)]
     assert measured == [("round-1", "first", 0), *looked, ("round-2", "tell", 2), ("round-2", "tell further", 3)]
     assert (found.outcome, found.rounds) == ("named", 2)
-    assert asked == [("no_discrepancy", 1, 2), ("ambiguous", 2, 3)]  # the last round is not over yet
+    assert asked == [("no_discrepancy", 1), ("ambiguous", 2)]  # in the last round, too
+
+
+@pytest.mark.parametrize(("verdict", "outcome"), [("no_discrepancy", "nothing_missing"), ("ambiguous", "budget_spent")])
+def test_the_last_round_ends_with_what_it_has(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, verdict: str, outcome: str
+) -> None:
+    said = SimpleNamespace(name=verdict, findings=None)
+    found = without_a_rig(monkeypatch, tmp_path, diagnose=lambda *_: said, _next=lambda *_: ["more"])
+    assert (found.outcome, found.rounds) == (outcome, 2)
