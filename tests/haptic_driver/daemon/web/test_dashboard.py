@@ -302,9 +302,8 @@ def test_a_paused_plot_stands_still_and_goes_on(page):
 
 def test_the_surface_says_what_forbids_a_place(page):
     surface = page.locator("#surface")
-    surface.scroll_into_view_if_needed()
-    box = surface.bounding_box()
-    page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + 20.0)
+    width = surface.bounding_box()["width"]
+    surface.hover(position={"x": 0.8 * width, "y": 20.0})  # waits until the page stands still
     expect(page.locator("#surface-said")).to_contain_text(
         "forbidden by voltage (at most 40.0 V), slew rate (at most 30.0 V)"
     )
