@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from model.diagnosis.noise import Noise
-from model.diagnosis.smooth import discrepancy_terms, roots, smooth_terms, standardised
+from model.diagnosis.smooth import compressed, discrepancy_terms, roots, smooth_terms, standardised
 from model.diagnosis.space import FARTHEST, Predictor
 from model.effects import Effect
 from model.support.arrays import Array, Mask
@@ -86,8 +86,10 @@ class Problem:
 
     @cached_property
     def discrepancy(self) -> list[Array]:
-        """Terms of a discrepancy of unknown shape, as `discrepancy_terms` gives them; all together come last."""
-        return discrepancy_terms(self.predictor.data, self.noise, self.predictor.force_share())
+        """Terms of a discrepancy of unknown shape, whitened; all together come last."""
+        terms = discrepancy_terms(self.predictor.data, self.predictor.force_share())
+        whitened = [self.noise.whiten(term) for term in terms]
+        return [*whitened, compressed(np.hstack(whitened))]
 
     @cached_property
     def smooth(self) -> Array:

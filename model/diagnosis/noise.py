@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from model.diagnosis.data import Measurements
+from model.diagnosis.smooth import roots, standardised
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, WITNESSES
 from model.support.arrays import Array, ComplexArray
 
@@ -124,17 +125,22 @@ def _least_std(data: Measurements) -> Array:
 
 
 def shared_std(data: Measurements) -> Array:
-    """Standard deviations [n, 2] of what the observations of a session and witness share.
+    """Standard deviations [n, m] of what the observations of a session and witness share.
 
-    The witness's own gain, and in the current the area of the touch, which presses anew in each session: of that the
-    current beside the touch has nothing.
+    The witness's own gain; in the current the area of the touch, which presses anew in each session: of that the
+    current beside the touch has nothing; and what a monitor's response is off smoothly over frequency, which no rig
+    knows better.
     """
     gains = np.array([witness.gain_std for witness in WITNESSES])
     if data.witness is None:
         return np.outer(np.full(data.count, gains[FRICTION]), [1.0, 0.0])
     share = touch_share(data)
     area = np.select([data.of(CURRENT), data.of(CURRENT_PHASE)], [share.real, share.imag])
-    return np.stack([gains[data.witness], AREA_STD * area], axis=1)
+    response = np.zeros((data.count, 0))
+    if data.varies("frequency_hz"):
+        monitored = np.where(data.of(FRICTION), 0.0, _least_std(data))
+        response = monitored[:, None] * roots(standardised(data, "frequency_hz")[:, None])
+    return np.column_stack([gains[data.witness], AREA_STD * area, response])
 
 
 def touch_share(data: Measurements) -> ComplexArray:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 
 from model.diagnosis.data import Measurements
-from model.diagnosis.noise import Noise
 from model.diagnosis.witness import FRICTION
 from model.support.arrays import Array
 
@@ -36,8 +35,8 @@ def standardised(data: Measurements, name: str) -> Array:
     return np.asarray(np.where(rows, (x - centre) / (spread if spread > 0 else 1.0), 0.0))
 
 
-def discrepancy_terms(data: Measurements, noise: Noise, force: Array) -> list[Array]:
-    """Whitened features F [n, m] of every term (F F' is its kernel at unit amplitude); all terms together come last.
+def discrepancy_terms(data: Measurements, force: Array) -> list[Array]:
+    """Features F [n, m] of every term; F F' is its kernel at unit amplitude.
 
     `force` [n]: how far each row's friction is the force's; a force that drifts shows in proportion to it.
     """
@@ -49,10 +48,7 @@ def discrepancy_terms(data: Measurements, noise: Noise, force: Array) -> list[Ar
         for part in _terms(data.subset(mine), shown):
             parts.append(np.zeros((data.count, part.shape[1])))
             parts[-1][mine] = part
-    if not parts:
-        return [np.zeros((data.count, 0))]
-    whitened = [noise.whiten(part) for part in parts]
-    return [*whitened, compressed(np.concatenate(whitened, axis=1))]
+    return parts or [np.zeros((data.count, 0))]
 
 
 def smooth_terms(data: Measurements) -> Array:

@@ -38,6 +38,7 @@ LIKELY_NONE = 0.35  # and from which it is the verdict where no effect is certai
 NAME_REMAINDER = 0.18  # of the effect's own signature: what may be left beside a name,
 LIST_REMAINDER = 0.37  # and beside a list; pilot sets: strangers that effects half explain leave 0.2 and 0.38 up
 SEVERAL_CERTAIN = 0.98
+SURE_OF_ANOTHER_FORM = 0.99  # what is unknown often looks like an effect of another form, hardly like one of its own
 MOST_ALIKE = 3  # effects that may stand in one place: where more could, several effects are no explanation
 LEADERS = 6
 FORM_IS_OFF = "; its form is not quite the catalogue's"
@@ -170,7 +171,7 @@ def _name_one(winner: Candidate, group: list[str], probabilities: dict[str, floa
     rivals = [name for name in members if name != winner.name]
     reason = "these data cannot tell the group's members apart" if certain else "no candidate is certain; ranked"
     verdict, exact = "ambiguous", of_exact_form(winner)
-    if not rivals and probabilities[winner.name] >= SURE:
+    if not rivals and probabilities[winner.name] >= (SURE if exact else SURE_OF_ANOTHER_FORM):
         verdict, reason = "effect_found", "probability and separation are high" + _how_unusual(winner)
     reason += "" if exact else FORM_IS_OFF
     reason += f"; perhaps {' and '.join(words(name) for name in perhaps)} as well" if perhaps else ""
@@ -189,7 +190,8 @@ def _name_beside_discrepancy(problem: Problem, weighed: Weighed, group: list[str
     left = "its form is another" if is_other_form else f"what remains is {remainder:.0%} of its signature"
     members = dict.fromkeys([*group, *needed, *_credible(probabilities)])  # what is named alone has to be probable, too
     rivals = [name for name in members if name != winner.name]
-    verdict = "ambiguous" if rivals or remainder > NAME_REMAINDER else "effect_found"
+    is_sure = remainder <= NAME_REMAINDER and probabilities[winner.name] >= SURE_OF_ANOTHER_FORM
+    verdict = "ambiguous" if rivals or not is_sure else "effect_found"
     told = among_alike(probabilities, winner.name, rivals)
     reason = f"needed even beside a discrepancy of unknown shape; {left}"
     return Verdict(verdict, False, winner, told, {winner.name: rivals}, (reason,))

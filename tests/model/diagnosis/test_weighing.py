@@ -173,6 +173,15 @@ def test_a_name_is_not_adequate_where_the_data_refute_the_catalogues_own_form(od
     assert ("not quite the catalogue's" in named.reasons[0]) is not exact
 
 
+@pytest.mark.parametrize(("form", "probability", "named"), [(0.0, 0.96, True), (9.0, 0.98, False), (9.0, 0.995, True)])
+def test_a_name_of_another_form_has_to_be_surer(form: float, probability: float, named: bool) -> None:
+    """A resonance of the screen was called trapped charge of another form, with 0.96."""
+    found = made("a", -10.0, fit=SimpleNamespace(vector=np.zeros(1)), kinds=(kind("a"),))
+    found.alone.exact = -10.0 - form
+    said = verdict._name_one(found, [], {"a": probability, "unknown": 1.0 - probability}, [])  # type: ignore[arg-type]
+    assert (said.verdict == "effect_found") is named
+
+
 def test_a_list_holds_the_fewest_that_are_certain_together() -> None:
     """It held what has 95 % among the effects, up to nineteen, however sure it was that there is none of them."""
     found = made("a", -10.0, kinds=(kind("a"),), fit=SimpleNamespace(vector=np.zeros(1)))

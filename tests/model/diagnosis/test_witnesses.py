@@ -117,7 +117,7 @@ class TestNoise:
         noise = noise_of(data)
         assert noise.own_std[data.of(CURRENT)] == pytest.approx(0.05)  # 3 and 4 %
 
-    def test_sessions_share_a_gain_per_witness_and_the_area_of_the_touch(self, read) -> None:
+    def test_sessions_share_a_gain_per_witness_its_response_and_the_area_of_the_touch(self, read) -> None:
         """Once an open circuit was taken to share what a touch's area does: real effects were unexplained."""
         header, open_a = HEADER + ",session", 2.0 * np.pi * 250.0 * 200e-12 * 75.0
         lines = [f"{f},75,0.5,0.6,0.012,sliding,6e-5,0.5,,,{s}" for s in "ab" for f in (100, 250)]
@@ -130,7 +130,11 @@ class TestNoise:
         area = 0.03 * np.select([data.of(CURRENT), data.of(CURRENT_PHASE)], [share.real, share.imag], 0.0)
         gain = np.array([WITNESSES[w].gain_std for w in data.witness])
         same = (data.session[:, None] == data.session) & (data.witness[:, None] == data.witness)
-        shared = np.where(same, np.outer(gain, gain) + np.outer(area, area), 0.0)
+        log_f = np.log(frequency_hz)
+        apart = np.subtract.outer(log_f, log_f) / log_f.std()
+        response = 0.003**2 * 2.0 * np.exp(-0.5 * (apart / 0.8) ** 2)  # 0.3 % in both sessions together
+        response[data.of(FRICTION)] = 0.0
+        shared = np.where(same, np.outer(gain, gain) + np.outer(area, area) + response, 0.0)
         covariance = noise.lower @ noise.lower.T
         np.testing.assert_allclose(covariance, np.diag(noise.own_std**2) + shared, rtol=1e-6, atol=1e-12)
         white = noise.whiten(covariance)
