@@ -31,15 +31,17 @@ from haptic_driver.simulation.finger_function import FingerFunction
 from haptic_driver.surface.models import load_model
 from model.diagnosis.design import Design, design, design_for_unseen
 from model.diagnosis.separation import Choice
+from model.diagnosis.witness import LEAST_STD
 from model.touch_model import TouchModel
 from tests.reports import without_pictures
 
 from .generator.designs import NONE, RESTING, SLIDING
+from .generator.designs import Design as Reading
 from .generator.effects import STRANGERS
 from .generator.electrode import Rig, alone
 from .generator.families import specs
 from .generator.touch import STEADY_SPEED, Finger, Rows
-from .generator.witnesses import Truth, truth_of
+from .generator.witnesses import Noise, Truth, WitnessSight, truth_of
 from .scores import wilson
 
 ROUNDS = 4
@@ -100,18 +102,52 @@ def random_choice(seed: int) -> Iterator[None]:
         product.design, product.design_for_unseen = design, design_for_unseen
 
 
-def asked(hidden: list[str], function: Callable[..., Any], plan: Plan, seed: int) -> dict[str, Any]:
-    """One investigation: its outcome, the names, and what it took; `beyond`: settings that the first plan has not."""
+def lambda_read(folder: Path, finger: Finger, rig: Rig, truth: Truth) -> float:
+    """How visible what is hidden is over all that was read, a file being a session, in the noise that the files state.
+
+    Monitors are believed to LEAST_STD.
+    """
+    files = sorted(folder.glob("round-*/data*.csv"))
+    parts = [np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8") for path in files]
+    read = {name: np.concatenate([part[name] for part in parts]) for name in parts[0].dtype.names}
+    touch = np.select([read["finger"] == "none", read["finger"] == "resting"], [NONE, RESTING], SLIDING)
+    load_n = np.where(touch == NONE, 0.5, read["normal_force_n"])
+    rows = Rows(read["frequency_hz"], read["voltage_v"], load_n, read["speed_m_s"], read["time_s"])
+    session = np.repeat(np.arange(len(parts)), [part.size for part in parts])
+
+    def std(column: str, of: str = "") -> float:
+        return max(float(np.nanmedian(read[column] / (read[of] if of else 1.0))), LEAST_STD)
+
+    noise = Noise(
+        std("cof_std", "cof"), std("current_std_a", "current_a"), std("current_phase_std_rad"),
+        std("electrode_voltage_std_v", "electrode_voltage_v"), std("electrode_voltage_phase_std_rad"),
+    )  # fmt: skip
+    reading = Reading("read", rows, session, session, (), finger=touch, slides=np.isfinite(read["cof"]))
+    return WitnessSight(reading, finger, rig, noise).of(truth)
+
+
+def asked(
+    hidden: list[str],
+    function: Callable[..., Any],
+    plan: Plan,
+    seed: int,
+    visible: Callable[[Path], float] = lambda folder: 0.0,
+) -> dict[str, Any]:
+    """One investigation: its outcome, the names, and what it took; `beyond`: settings that the first plan has not.
+
+    `visible`: lambda over what was read.
+    """
     subject = Subject(load_rig("simulated"), load_model("reference"), plan, FingerFunction(function), seed)
     first = prepare(subject.config, TouchModel(subject.description), plan).rows
     with tempfile.TemporaryDirectory() as folder, without_pictures():
         found = investigate(subject, Path(folder), Budget(rounds=ROUNDS))
+        seen = visible(Path(folder))
     names = [effect["name"] for effect in found.diagnosis["effects"]]
     alike = [other for effect in found.diagnosis["effects"] for other in effect["indistinguishable_from"]]
     return {
         "hidden": hidden, "outcome": found.outcome, "named": names, "or": alike, "rounds": found.rounds,
         "settings": len(found.settings), "beyond": len(set(found.settings) - {row.setting for row in first}),
-        "minutes": found.measured_s / 60.0,
+        "minutes": found.measured_s / 60.0, "lambda": seen,
     }  # fmt: skip
 
 
@@ -154,10 +190,11 @@ def table(found: dict[str, list[dict[str, Any]]]) -> str:
         for how in (CHOSEN, RANDOM):
             if part := [pair[how] for pair in pairs if how in pair]:
                 lines.append(f"| {family} | {how} | {' | '.join(_rates(part))} |")
-    lines += ["", "| hidden | blocks | outcome | names | or | rounds | settings |", "|---|---|---|---|---|---|---|"]
+    lines += ["", "| hidden | blocks | outcome | names | or | rounds | settings | lambda |"]
+    lines.append("|---" * 8 + "|")
     for how, got in (item for pairs in found.values() for pair in pairs for item in pair.items()):
         names, others = " ".join(got["named"]), " ".join(got["or"])
-        took = f"{got['rounds']} | {got['settings']}"
+        took = f"{got['rounds']} | {got['settings']} | {got['lambda']:.0f}"
         lines.append(
             f"| {' '.join(got['hidden']) or 'nothing'} | {how} | {got['outcome']} | {names} | {others} | {took} |"
         )
@@ -183,7 +220,9 @@ def main() -> None:
         kept = given.out / f"{spec.family}-{spec.index}.json"
         if not kept.exists():
             finger, rig, truth = truth_of(spec, given.seed)
-            asks = partial(asked, [name for name, _ in spec.effects], finger_function(finger, rig, truth), plan)
+            names, function = [name for name, _ in spec.effects], finger_function(finger, rig, truth)
+            visible = partial(lambda_read, finger=finger, rig=rig, truth=truth)
+            asks = partial(asked, names, function, plan, visible=visible)
             pair = {CHOSEN: asks(spec.index)}
             if not given.chosen:
                 with random_choice(spec.index):
