@@ -86,6 +86,20 @@ class Search:
         kept = [n < count or could_stand_for(c, rivals[0], self._fit(rest)) for n, c in enumerate(rivals)]
         return {k.name: float(s) for k, s, keep in zip(mine, shares, kept, strict=True) if keep}
 
+    def rests_on_one_setting(self, chosen: Candidate) -> bool:
+        """Whether some effect of `chosen` would not be needed without the setting that shows it most.
+
+        Another's form that is off there would look like it.
+        """
+        setting = self.problem.predictor.data.replicate_groups(apart=False, sessions_apart=False)
+        for i in range(len(chosen.kinds)):
+            without = self._fit(_without(chosen.kinds, i))
+            explained = np.bincount(setting, without.around.residual**2 - chosen.around.residual**2)
+            elsewhere = 1.0 - explained.max() / explained.sum()
+            if explained.sum() > 0.0 and self._adds(chosen, i) * elsewhere + ANOTHER <= ANOTHER_NATS:
+                return True
+        return False
+
     def _adds(self, chosen: Candidate, i: int) -> float:
         return _evidence(chosen) - _evidence(self._fit(_without(chosen.kinds, i)))
 

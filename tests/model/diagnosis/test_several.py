@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from model.diagnosis.several import FITTED, Search
@@ -53,6 +54,30 @@ def test_two_effects_are_found_behind_a_third_that_looks_like_both() -> None:
     found = search(evidence, {"c": {"d": 9.0}, "a": {"b": 50.0}}).best_with_one_more(made("c", 39.0))
     assert found is not None
     assert letters(found.kinds) == "ab"
+
+
+@pytest.mark.parametrize(("elsewhere", "rests"), [(0.43, True), (0.45, False)])
+def test_an_effect_that_shows_at_one_setting_is_not_needed(
+    monkeypatch: pytest.MonkeyPatch, elsewhere: float, rests: bool
+) -> None:
+    """A gap that rises with speed had a friction over speed named beside it: at the slower speed one setting was read.
+
+    It adds 15 nats and needs 6.6; the share `elsewhere` of what it explains is not of that setting, read four times.
+    """
+    setting = np.array([0, 0, 0, 0, 1, 2])
+    squares = np.array([*[0.25 * (1.0 - elsewhere)] * 4, elsewhere / 2, elsewhere / 2])
+    residuals = {"a": np.sqrt(1.0 + squares), "b": np.sqrt(1.0 + squares[[5, 4, 0, 1, 2, 3]]), "ab": np.ones(6)}
+    made_up = search({"a": 10.0, "b": -20.0, "ab": 25.0}, {})
+    data = SimpleNamespace(replicate_groups=lambda apart, sessions_apart: setting)
+    made_up.problem = SimpleNamespace(predictor=SimpleNamespace(data=data))  # type: ignore[assignment]
+
+    def fitted(kinds: Any) -> Any:
+        found = made(letters(kinds), made_up.evidence[letters(kinds)])
+        found.around = SimpleNamespace(residual=residuals[letters(kinds)])
+        return found
+
+    monkeypatch.setattr(made_up, "_fit", fitted)
+    assert made_up.rests_on_one_setting(fitted((KINDS["a"], KINDS["b"]))) is rests
 
 
 @pytest.mark.parametrize("also_named", [False, True])

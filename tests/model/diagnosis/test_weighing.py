@@ -148,7 +148,7 @@ def certain(*x: float) -> SimpleNamespace:
 
 def test_each_of_two_effects_has_its_half_and_shares_it_with_what_may_stand_there() -> None:
     before = {"a": 0.3, "b": 0.2, "c": 0.2, "none": 0.2, "unknown": 0.1}
-    found = verdict._name_several(certain(0.0, 0.0), [{"a": 0.6, "c": 0.2}, {"b": 0.4}], before)  # type: ignore[arg-type]
+    found = verdict._name_several(certain(0.0, 0.0), [{"a": 0.6, "c": 0.2}, {"b": 0.4}], before, False)  # type: ignore[arg-type]
     half, left = SEVERAL_CERTAIN / 2, 1.0 - SEVERAL_CERTAIN
     shares = {"a": 0.75 * half, "c": 0.25 * half, "b": half, "none": left * 2 / 3, "unknown": left / 3}
     assert found.probabilities == pytest.approx(shares, rel=1e-9)
@@ -158,8 +158,10 @@ def test_each_of_two_effects_has_its_half_and_shares_it_with_what_may_stand_ther
 @pytest.mark.parametrize(("x", "unusual"), [(2.5, False), (2.7, True), (-2.7, True)])
 def test_two_names_say_so_where_one_is_stronger_than_usual(x: float, unusual: bool) -> None:
     before = {"a": 0.5, "b": 0.4, "none": 0.1}
-    found = verdict._name_several(certain(0.0, x), [{"a": 1.0}, {"b": 1.0}], before)  # type: ignore[arg-type]
+    found = verdict._name_several(certain(0.0, x), [{"a": 1.0}, {"b": 1.0}], before, False)  # type: ignore[arg-type]
     assert (found.verdict, found.adequate) == ("effect_found", True)
+    one_setting = verdict._name_several(certain(0.0, x), [{"a": 1.0}, {"b": 1.0}], before, True)  # type: ignore[arg-type]
+    assert (one_setting.verdict, "single setting" in one_setting.reasons[0]) == ("ambiguous", True)
     assert ("stronger than 99 %" in found.reasons[0]) is unusual
 
 
