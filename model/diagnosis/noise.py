@@ -89,9 +89,10 @@ def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | No
         own_std[mine] = own.std
         found.append(own)
     least = _least_std(data)
-    sure = int(np.sum(own_std < least))
+    sure = own_std < least
     own_std = np.maximum(own_std, least)
-    lower, blocks, shared = np.zeros((data.count, data.count)), [], shared_std(data)
+    shared = np.hstack([shared_std(data), _response_std(data, np.where(sure, least, 0.0))])
+    lower, blocks = np.zeros((data.count, data.count)), []
     for rows in rows_in_order(data):
         rank = np.argsort(rows)  # when each was measured, in the order of the file
         blocks.append(rows[rank])
@@ -112,7 +113,7 @@ def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | No
         inflation,
         tuple(warning for own in found for warning in own.warnings),
         tuple(blocks),
-        sure,
+        int(sure.sum()),
     )
 
 
@@ -124,23 +125,29 @@ def _least_std(data: Measurements) -> Array:
     return np.asarray(least[FRICTION if data.witness is None else data.witness] * np.sqrt(sessions[setting]))
 
 
-def shared_std(data: Measurements) -> Array:
-    """Standard deviations [n, m] of what the observations of a session and witness share.
+def _response_std(data: Measurements, least_std: Array) -> Array:
+    """What a session shares of how far a monitor's response is off smoothly over frequency [n, m].
 
-    The witness's own gain; in the current the area of the touch, which presses anew in each session: of that the
-    current beside the touch has nothing; and what a monitor's response is off smoothly over frequency, which no rig
-    knows better.
+    `least_std` [n]: what it is believed to where it claims more, 0 elsewhere.
+    """
+    if not data.varies("frequency_hz"):
+        return np.zeros((data.count, 0))
+    monitored = np.where(data.of(FRICTION), 0.0, least_std)
+    return np.asarray(monitored[:, None] * roots(standardised(data, "frequency_hz")[:, None]))
+
+
+def shared_std(data: Measurements) -> Array:
+    """Standard deviations [n, 2] of what the observations of a session and witness share.
+
+    The witness's own gain, and in the current the area of the touch, which presses anew in each session: of that the
+    current beside the touch has nothing.
     """
     gains = np.array([witness.gain_std for witness in WITNESSES])
     if data.witness is None:
         return np.outer(np.full(data.count, gains[FRICTION]), [1.0, 0.0])
     share = touch_share(data)
     area = np.select([data.of(CURRENT), data.of(CURRENT_PHASE)], [share.real, share.imag])
-    response = np.zeros((data.count, 0))
-    if data.varies("frequency_hz"):
-        monitored = np.where(data.of(FRICTION), 0.0, _least_std(data))
-        response = monitored[:, None] * roots(standardised(data, "frequency_hz")[:, None])
-    return np.column_stack([gains[data.witness], AREA_STD * area, response])
+    return np.stack([gains[data.witness], AREA_STD * area], axis=1)
 
 
 def touch_share(data: Measurements) -> ComplexArray:

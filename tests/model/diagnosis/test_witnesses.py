@@ -117,7 +117,7 @@ class TestNoise:
         noise = noise_of(data)
         assert noise.own_std[data.of(CURRENT)] == pytest.approx(0.05)  # 3 and 4 %
 
-    def test_sessions_share_a_gain_per_witness_its_response_and_the_area_of_the_touch(self, read) -> None:
+    def test_sessions_share_a_gain_per_witness_and_the_area_of_the_touch(self, read) -> None:
         """Once an open circuit was taken to share what a touch's area does: real effects were unexplained."""
         header, open_a = HEADER + ",session", 2.0 * np.pi * 250.0 * 200e-12 * 75.0
         lines = [f"{f},75,0.5,0.6,0.012,sliding,6e-5,0.5,,,{s}" for s in "ab" for f in (100, 250)]
@@ -130,15 +130,23 @@ class TestNoise:
         area = 0.03 * np.select([data.of(CURRENT), data.of(CURRENT_PHASE)], [share.real, share.imag], 0.0)
         gain = np.array([WITNESSES[w].gain_std for w in data.witness])
         same = (data.session[:, None] == data.session) & (data.witness[:, None] == data.witness)
-        log_f = np.log(frequency_hz)
-        apart = np.subtract.outer(log_f, log_f) / log_f.std()
-        response = 0.003**2 * 2.0 * np.exp(-0.5 * (apart / 0.8) ** 2)  # 0.3 % in both sessions together
-        response[data.of(FRICTION)] = 0.0
-        shared = np.where(same, np.outer(gain, gain) + np.outer(area, area) + response, 0.0)
+        shared = np.where(same, np.outer(gain, gain) + np.outer(area, area), 0.0)
         covariance = noise.lower @ noise.lower.T
         np.testing.assert_allclose(covariance, np.diag(noise.own_std**2) + shared, rtol=1e-6, atol=1e-12)
         white = noise.whiten(covariance)
         np.testing.assert_allclose(noise.whiten(white.T), np.eye(data.count), atol=1e-9)
+
+    @pytest.mark.parametrize(("claimed", "shares"), [(1e-4, True), (4e-3, False)])
+    def test_readings_that_claim_more_than_a_monitor_is_believed_to_share_its_response(
+        self, read, claimed: float, shares: bool
+    ) -> None:
+        """Smooth over log frequency, of unit spread here, by 0.3 % in current and voltage."""
+        header = HEADER + ",electrode_voltage_std_v"
+        data = read(*(f"{f},75,0.5,,,sliding,,,75,,{75 * claimed:.9g}" for f in (100, 1000)), header=header)
+        noise = noise_of(data)
+        covariance = noise.lower @ noise.lower.T - np.diag(noise.own_std**2) - 0.01**2  # and the gain of the session
+        likeness = np.exp(-0.5 * (2.0 / 0.8) ** 2)
+        np.testing.assert_allclose(covariance, shares * 0.003**2 * np.array([[1, likeness], [likeness, 1]]), atol=1e-12)
 
     def test_what_drifts_between_readings_is_no_noise(self, read) -> None:
         """Friction read early and five minutes later: that it had aged by a third was taken for its scatter."""
