@@ -116,7 +116,8 @@ def lambda_read(folder: Path, finger: Finger, rig: Rig, truth: Truth) -> float:
     session = np.repeat(np.arange(len(parts)), [part.size for part in parts])
 
     def std(column: str, of: str = "") -> float:
-        return max(float(np.nanmedian(read[column] / (read[of] if of else 1.0))), LEAST_STD)
+        there = read[of] > 0.0 if of else np.isfinite(read[column])
+        return max(float(np.median(read[column][there] / (read[of][there] if of else 1.0))), LEAST_STD)
 
     noise = Noise(
         std("cof_std", "cof"), std("current_std_a", "current_a"), std("current_phase_std_rad"),
