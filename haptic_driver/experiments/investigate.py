@@ -25,7 +25,7 @@ from haptic_driver.simulation.finger_function import FingerFunction
 from model.description import ModelDescription
 from model.diagnosis.data import read_measurements, together
 from model.diagnosis.design import Design, design, design_for_unseen
-from model.diagnosis.naming import ALIKE, APART, SURE, words
+from model.diagnosis.naming import ALIKE, APART, NEAR_NATS, SURE, words
 from model.diagnosis.report import write_report
 from model.diagnosis.separation import Choice
 from model.diagnosis.workflow import Diagnosis, diagnose
@@ -201,10 +201,10 @@ def _next(
         chosen = design(diagnosis, possible.pool, MOST_BLOCKS, left_s, _stubborn(found), ENOUGH)
     found.history.append(_told(found, diagnosis, chosen, possible.blocks))
     alike = [name for names in _group(diagnosis).values() for name in names] if _is_sure_of_some(diagnosis) else []
-    if alike and all(chosen.reach[name] < ALIKE for name in alike if name in chosen.reach):
+    if alike and not any(_can_be_told(diagnosis, name, chosen.reach[name]) for name in alike if name in chosen.reach):
         found.outcome = ALIKE_HERE
     elif not chosen.choices:
-        found.outcome = _at_the_end(diagnosis)
+        found.outcome = ALIKE_HERE if alike and left_s >= possible.pool.cost_s.min() else _at_the_end(diagnosis)
     if found.outcome:
         return []
     return [
@@ -229,6 +229,17 @@ def _parts(chosen: Design, blocks: Sequence[tuple[Setting, ...]]) -> list[tuple[
         (part[0].separates, tuple(dict.fromkeys(s for choice in part for s in blocks[choice.block])))
         for part in parts.values()
     ]
+
+
+def _can_be_told(diagnosis: Diagnosis, rival: str, reach: float) -> bool:
+    """Whether a rival may be told from the leading effect: by much that is left to measure, or as it is far behind.
+
+    `reach`: the chi^2 that everything left would add; half of it in evidence.
+    """
+    assert diagnosis.findings is not None
+    leader, singles = diagnosis.findings.verdict.chosen, diagnosis.findings.weighed.singles
+    behind = leader.alone.log_evidence - max(c.alone.log_evidence for c in singles if c.name == rival)
+    return reach >= ALIKE or (len(leader.kinds) == 1 and behind + 0.5 * reach >= NEAR_NATS)
 
 
 def _is_sure_of_some(diagnosis: Diagnosis) -> bool:

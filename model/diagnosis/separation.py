@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from model.support.arrays import Array
 
 LEAST_WEIGHT = 1e-3  # of the first model and any other, beside the weightiest pair: each rival deserves a test
-LEAST_GAIN = 0.01  # of all that is to be told: a block that adds less is not worth its cost
+LEAST_GAIN = 0.16  # chi^2, of the mean of all pairs: a block that adds less is not worth its cost; 16 shows an effect
 
 
 class Choice(NamedTuple):
@@ -143,8 +143,8 @@ def choose(
 ) -> list[Choice]:
     """At most `most` of the blocks, that together cost at most `most_cost`, those that tell most per cost first.
 
-    `cost` [blocks]; of each pair counts what is told up to `enough`, in chi^2. A block that adds less than `least` of
-    all that is to be told is not chosen. It begins with what was chosen `first`, for other pairs.
+    `cost` [blocks]; of each pair counts what is told up to `enough`, in chi^2. A block that adds less than `least`, of
+    the pairs' weighted mean, is not chosen. It begins with what was chosen `first`, for other pairs.
     """
     left, choices = set(range(cost.size)) - {choice.block for choice in first}, list(first)
     most_cost -= float(sum(cost[choice.block] for choice in first))
@@ -158,7 +158,7 @@ def choose(
         reached = np.array([(pair.told + pair.blocks[possible]).chi2() for pair in pairs])
         so_far = np.array([[pair.reached] for pair in pairs])
         weighed = weight * (np.minimum(reached, enough) - np.minimum(so_far, enough))
-        if weighed.sum(axis=0).max() < least * enough * weight.sum():
+        if weighed.sum(axis=0).max() < least * weight.sum():
             break
         best = int(np.argmax(weighed.sum(axis=0) / cost[possible]))
         block, chief = int(possible[best]), int(np.argmax(weighed[:, best]))

@@ -233,24 +233,48 @@ def test_friction_comes_back_once_the_air_is_dry() -> None:
     assert with_hidden(model, HUMID).predict(condition).cof != model.predict(condition).cof
 
 
+def outcome_of_a_list(
+    monkeypatch: pytest.MonkeyPatch, none: float = 0.04, reach: float = 1.0, behind: float = 0.0, proposed: bool = False
+) -> str:
+    """Of a list of two, of which the second is `behind` in evidence; one block takes 5 s of the hour that is left."""
+    first: Any = SimpleNamespace(name="a", kinds=(SimpleNamespace(name="a"),), alone=SimpleNamespace(log_evidence=0.0))
+    second = SimpleNamespace(name="b", alone=SimpleNamespace(log_evidence=-behind))
+    effects = {"a": 0.6 * (1.0 - none), "b": 0.4 * (1.0 - none)}
+    verdict = Verdict("ambiguous", True, first, effects | {"none": none, "unknown": 0.0}, {"a": ["b"]}, ("why",))
+    pool = SimpleNamespace(cost_s=np.array([5.0]))
+    monkeypatch.setattr(rounds, "choices", lambda *_: SimpleNamespace(pool=pool, blocks=()))
+    monkeypatch.setattr(rounds, "design", lambda *_: SimpleNamespace(choices=(1,) * proposed, reach={"b": reach}))
+    monkeypatch.setattr(rounds, "_told", lambda *_: {})
+    monkeypatch.setattr(rounds, "_parts", lambda *_: [])
+    subject: Any = SimpleNamespace(config=None, plan=SimpleNamespace(model_copy=lambda update: None))
+    weighed = SimpleNamespace(untestable=[], singles=[first, second])
+    diagnosis: Any = SimpleNamespace(name="ambiguous", findings=SimpleNamespace(verdict=verdict, weighed=weighed))
+    found, model = Investigation(rounds=1), SimpleNamespace()
+    assert rounds._next(subject, model, diagnosis, found, (), Budget()) == []  # type: ignore[arg-type]
+    return found.outcome
+
+
 @pytest.mark.parametrize(("none", "outcome"), [(0.04, "cannot_be_told_apart"), (0.06, "budget_spent")])
 def test_effects_are_not_called_alike_while_perhaps_nothing_is_missing(
     none: float, outcome: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Eleven effects were said to be all that is left where nothing was hidden."""
-    chosen: Any = SimpleNamespace(kinds=(SimpleNamespace(name="a"),))
-    effects = {"a": 0.6 * (1.0 - none), "b": 0.4 * (1.0 - none)}
-    verdict = Verdict("ambiguous", True, chosen, effects | {"none": none, "unknown": 0.0}, {"a": ["b"]}, ("why",))
-    monkeypatch.setattr(rounds, "choices", lambda *_: SimpleNamespace(pool=None, blocks=()))
-    monkeypatch.setattr(rounds, "design", lambda *_: SimpleNamespace(choices=(), reach={"b": 1.0}))
-    monkeypatch.setattr(rounds, "_told", lambda *_: {})
-    subject: Any = SimpleNamespace(config=None, plan=SimpleNamespace(model_copy=lambda update: None))
-    diagnosis: Any = SimpleNamespace(
-        name="ambiguous", findings=SimpleNamespace(verdict=verdict, weighed=SimpleNamespace(untestable=[]))
-    )
-    found, model = Investigation(rounds=1), SimpleNamespace()
-    assert rounds._next(subject, model, diagnosis, found, (), Budget()) == []  # type: ignore[arg-type]
-    assert found.outcome == outcome
+    assert outcome_of_a_list(monkeypatch, none=none) == outcome
+
+
+@pytest.mark.parametrize(
+    ("reach", "behind", "outcome"), [(8.9, 3.5, "cannot_be_told_apart"), (9.1, 0.0, ""), (5.0, 5.6, "")]
+)
+def test_effects_are_alike_where_all_that_is_left_to_measure_would_not_tell_them(
+    monkeypatch: pytest.MonkeyPatch, reach: float, behind: float, outcome: str
+) -> None:
+    """A floating body was given up with a film of sweat a fifth of a nat short of being refuted."""
+    assert outcome_of_a_list(monkeypatch, reach=reach, behind=behind, proposed=True) == outcome
+
+
+def test_what_no_setting_is_worth_its_time_for_is_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was called a spent budget, in the first round."""
+    assert outcome_of_a_list(monkeypatch, reach=11.0) == "cannot_be_told_apart"
 
 
 def without_a_rig(monkeypatch: pytest.MonkeyPatch, out: Path, **made_up: Any) -> Investigation:
