@@ -95,8 +95,8 @@ class Search:
         for i in range(len(chosen.kinds)):
             without = self._fit(_without(chosen.kinds, i))
             explained = np.bincount(setting, without.around.residual**2 - chosen.around.residual**2)
-            elsewhere = 1.0 - explained.max() / explained.sum()
-            if explained.sum() > 0.0 and self._adds(chosen, i) * elsewhere + ANOTHER <= ANOTHER_NATS:
+            total = explained.sum()
+            if total > 0.0 and self._adds(chosen, i) * (1.0 - explained.max() / total) + ANOTHER <= ANOTHER_NATS:
                 return True
         return False
 
