@@ -118,20 +118,20 @@ def _by_scale(target: Array, spread: Array, noise: Noise) -> Array:
 
 def discrepancy_mean(fit: Fit, found: Evidence, discrepancy: list[Array]) -> Array:
     """The discrepancy that the catch-all sees beside a fitted model, whitened [n]: its posterior mean."""
-    _, spread, weights = _posterior(fit, found, discrepancy)
+    _, spread, weights = _posterior(fit, found.scale, found.amplitude * discrepancy[found.term])
     k = fit.vector.size
     return np.asarray(spread[:, k:] @ weights[k:])
 
 
-def left_beside(fit: Fit, found: Evidence, discrepancy: list[Array]) -> Array:
-    """What even the model with that discrepancy beside it leaves, in standard deviations of the noise [n]."""
-    target, spread, weights = _posterior(fit, found, discrepancy)
-    return np.asarray((target - spread @ weights) / found.scale)
+def remaining(fit: Fit, scale: float, loose: Array) -> Array:
+    """What a model leaves that may be off by `loose` [n, m], whitened, in standard deviations of the noise [n]."""
+    target, spread, weights = _posterior(fit, scale, loose)
+    return np.asarray((target - spread @ weights) / scale)
 
 
-def _posterior(fit: Fit, found: Evidence, discrepancy: list[Array]) -> tuple[Array, Array, Array]:
-    """Target [n], directions [n, m] of the parameters and the discrepancy, and their posterior mean weights [m]."""
-    spread = np.concatenate([fit.jacobian, found.amplitude * discrepancy[found.term]], axis=1)
+def _posterior(fit: Fit, scale: float, loose: Array) -> tuple[Array, Array, Array]:
+    """Target [n], directions [n, k] of the parameters and of what is loose, and their posterior mean weights [k]."""
+    spread = np.concatenate([fit.jacobian, loose], axis=1)
     target = fit.residual + fit.jacobian @ fit.vector
-    inner = spread.T @ spread / found.scale**2 + np.eye(spread.shape[1])
-    return target, spread, np.linalg.solve(inner, spread.T @ target / found.scale**2)
+    inner = spread.T @ spread / scale**2 + np.eye(spread.shape[1])
+    return target, spread, np.linalg.solve(inner, spread.T @ target / scale**2)

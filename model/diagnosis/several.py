@@ -22,6 +22,7 @@ from model.diagnosis.naming import (
     could_stand_for,
     fit_candidates,
 )
+from model.diagnosis.rival import remaining
 from model.diagnosis.weighing import MIMICS, Weighed, adequate, of_another_form, of_exact_form, of_its_form
 from model.diagnosis.where import Disagreement
 from model.effects import CATALOGUE, Effect
@@ -92,9 +93,11 @@ class Search:
         Another's form that is off there would look like it.
         """
         setting = self.problem.predictor.data.replicate_groups(apart=False, sessions_apart=False)
+        scale = chosen.alone.scale
+        of_all = remaining(chosen.around, scale, chosen.bent) ** 2
         for i in range(len(chosen.kinds)):
             without = self._fit(_without(chosen.kinds, i))
-            explained = np.bincount(setting, without.around.residual**2 - chosen.around.residual**2)
+            explained = np.bincount(setting, remaining(without.around, scale, without.bent) ** 2 - of_all)
             total = explained.sum()
             if total > 0.0 and self._adds(chosen, i) * (1.0 - explained.max() / total) + ANOTHER <= ANOTHER_NATS:
                 return True

@@ -18,7 +18,7 @@ from model.diagnosis.learned import LearnedTerm, learn
 from model.diagnosis.naming import Candidate, candidate, fit_candidates, testable_effects, unseen
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.proof import Proof, prove
-from model.diagnosis.rival import left_beside
+from model.diagnosis.rival import remaining
 from model.diagnosis.sessions import inflation, names, split_sessions, unlike_sessions
 from model.diagnosis.space import STRAY, Nuisance, Predictor, nuisances
 from model.diagnosis.verdict import Verdict, decide
@@ -143,7 +143,8 @@ def _setting(description: ModelDescription, data: Measurements, noise: Noise, st
 
 def _left(setting: _Setting) -> Array:
     """Whitened residuals [n] of the most flexible model: the base beside a discrepancy of unknown shape."""
-    return left_beside(setting.base.fit, setting.base.beside_discrepancy, setting.problem.discrepancy)
+    found = setting.base.beside_discrepancy
+    return remaining(setting.base.fit, found.scale, found.amplitude * setting.problem.discrepancy[found.term])
 
 
 def _fit_singles(

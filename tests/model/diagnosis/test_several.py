@@ -66,6 +66,7 @@ def test_an_effect_that_shows_at_one_setting_is_not_needed(
     """
     setting = np.array([0, 0, 0, 0, 1, 2])
     squares = np.array([*[0.25 * (1.0 - elsewhere)] * 4, elsewhere / 2, elsewhere / 2])
+    still = {"jacobian": np.zeros((6, 1)), "vector": np.zeros(1)}
     residuals = {"a": np.sqrt(1.0 + squares), "b": np.sqrt(1.0 + squares[[5, 4, 0, 1, 2, 3]]), "ab": np.ones(6)}
     made_up = search({"a": 10.0, "b": -20.0, "ab": 25.0}, {})
     data = SimpleNamespace(replicate_groups=lambda apart, sessions_apart: setting)
@@ -73,7 +74,8 @@ def test_an_effect_that_shows_at_one_setting_is_not_needed(
 
     def fitted(kinds: Any) -> Any:
         found = made(letters(kinds), made_up.evidence[letters(kinds)])
-        found.around = SimpleNamespace(residual=residuals[letters(kinds)])
+        found.alone.scale, found.bent = 1.0, np.zeros((6, 0))
+        found.around = SimpleNamespace(residual=residuals[letters(kinds)], **still)
         return found
 
     monkeypatch.setattr(made_up, "_fit", fitted)
