@@ -50,7 +50,7 @@ def evidence(fit: Fit, noise: Noise, forms: Sequence[Array] = ()) -> Evidence:
     by_scale = _by_scale(target, fit.jacobian, noise)
     exact, scale = float(logsumexp(by_scale)), float(SCALES[np.argmax(by_scale)])
     if not forms:
-        return Evidence(exact, scale, 0.0, at_bend=exact)
+        return Evidence(exact, scale, 0.0, at_bend=exact, exact=exact)
 
     def by_bend(form: Array, bends: Sequence[float]) -> Array:
         return np.array([_by_scale(target, np.hstack([fit.jacobian, bend * form]), noise) for bend in bends])

@@ -71,7 +71,12 @@ class Search:
         """What the least needed effect of `chosen` adds, in nats, its prior counted."""
         if len(chosen.kinds) < 2:
             return np.inf
-        return min(self._adds(chosen, i) for i in range(len(chosen.kinds))) + ANOTHER
+        return min(_evidence(chosen) - _evidence(rest) for rest in self._rests(chosen)) + ANOTHER
+
+    def mends_a_form(self, chosen: Candidate) -> bool:
+        """Whether some effect of `chosen` is not needed in the catalogue's own forms: it mends another's by its own."""
+        adds = min(chosen.alone.exact - rest.alone.exact for rest in self._rests(chosen))
+        return adds + ANOTHER <= ANOTHER_NATS
 
     def places(self, chosen: Candidate, i: int) -> dict[str, float]:
         """Shares of the fewest effects that hold SURE of what may stand in the i-th place, the most probable first.
@@ -95,16 +100,16 @@ class Search:
         setting = self.problem.predictor.data.replicate_groups(apart=False, sessions_apart=False)
         scale = chosen.alone.scale
         of_all = remaining(chosen.around, scale, chosen.bent) ** 2
-        for i in range(len(chosen.kinds)):
-            without = self._fit(_without(chosen.kinds, i))
-            explained = np.bincount(setting, remaining(without.around, scale, without.bent) ** 2 - of_all)
-            total = explained.sum()
-            if total > 0.0 and self._adds(chosen, i) * (1.0 - explained.max() / total) + ANOTHER <= ANOTHER_NATS:
+        for rest in self._rests(chosen):
+            explained = np.bincount(setting, remaining(rest.around, scale, rest.bent) ** 2 - of_all)
+            total, adds = explained.sum(), _evidence(chosen) - _evidence(rest)
+            if total > 0.0 and adds * (1.0 - explained.max() / total) + ANOTHER <= ANOTHER_NATS:
                 return True
         return False
 
-    def _adds(self, chosen: Candidate, i: int) -> float:
-        return _evidence(chosen) - _evidence(self._fit(_without(chosen.kinds, i)))
+    def _rests(self, chosen: Candidate) -> list[Candidate]:
+        """`chosen` without each of its effects in turn."""
+        return [self._fit(_without(chosen.kinds, i)) for i in range(len(chosen.kinds))]
 
     @cached_property
     def _pairs(self) -> list[Kinds]:
@@ -205,7 +210,7 @@ def several_effects(
     chosen = weighed.winner
     while (more := search.best_with_one_more(chosen)) is not None:
         gain = search.gain(more)
-        if gain <= ANOTHER_NATS:
+        if gain <= ANOTHER_NATS or search.mends_a_form(more):
             return None
         least = BESIDE_A_FIT_NATS if one_fits else ANOTHER_NATS
         apart = len({kind.stage for kind in more.kinds}) == len(more.kinds)

@@ -56,6 +56,26 @@ def test_two_effects_are_found_behind_a_third_that_looks_like_both() -> None:
     assert letters(found.kinds) == "ab"
 
 
+@pytest.mark.parametrize(("exact", "mends"), [(6.5, True), (6.7, False)])
+def test_an_effect_that_is_not_needed_in_its_own_form_mends_anothers(
+    monkeypatch: pytest.MonkeyPatch, exact: float, mends: bool
+) -> None:
+    """A polarization of another form had a moist skin named beside it, for 15 nats, all of its being bent.
+
+    `exact`: what it adds in its own form, in nats; 3 and its prior of 3.6 it needs.
+    """
+    made_up = search({"a": 60.0, "b": 20.0, "ab": 75.0}, {})
+    in_own_form = {"a": 50.0, "b": 10.0, "ab": 50.0 + exact}
+
+    def fitted(kinds: Any) -> Any:
+        found = made(letters(kinds), made_up.evidence[letters(kinds)])
+        found.alone.exact = in_own_form[letters(kinds)]
+        return found
+
+    monkeypatch.setattr(made_up, "_fit", fitted)
+    assert made_up.mends_a_form(fitted((KINDS["a"], KINDS["b"]))) is mends
+
+
 @pytest.mark.parametrize(("elsewhere", "rests"), [(0.43, True), (0.45, False)])
 def test_an_effect_that_shows_at_one_setting_is_not_needed(
     monkeypatch: pytest.MonkeyPatch, elsewhere: float, rests: bool

@@ -248,7 +248,11 @@ def test_two_effects_are_named_where_a_discrepancy_beside_them_only_mends_their_
     alone = -100.0
     two = made("a+b", alone, alone + 10.0, kinds=(kind("a", stage="drive"), kind("b", stage="contact")))
     base = made("none", -900.0, alone - own * MENDED * 10.0)
-    search = SimpleNamespace(best_with_one_more=lambda chosen: two if chosen is one else None, gain=lambda more: 90.0)
+    search = SimpleNamespace(
+        best_with_one_more=lambda chosen: two if chosen is one else None,
+        gain=lambda more: 90.0,
+        mends_a_form=lambda more: False,
+    )
     weighed = Weighed(base, [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == ((two, False, True) if named else None)
@@ -264,7 +268,9 @@ def test_two_effects_that_fit_are_certain_where_the_second_does_more_than_someth
     """A roll-off with trapped charge was unexplained: something unknown in place of the charge explained as much."""
     one = made("a", -300.0, -100.0, kinds=(kind("a", stage="drive"),))
     two = made("a+b", -100.0 + log(PRIOR_UNKNOWN) - ANOTHER + odds, kinds=(*one.kinds, kind("b", stage="contact")))
-    search = SimpleNamespace(best_with_one_more=lambda chosen: two, gain=lambda more: KIN_NATS + 0.1)
+    search = SimpleNamespace(
+        best_with_one_more=lambda chosen: two, gain=lambda more: KIN_NATS + 0.1, mends_a_form=lambda more: False
+    )
     weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == (None if certain is None else (two, True, certain))
@@ -278,7 +284,9 @@ def test_beside_one_that_fits_a_second_effect_must_be_worth_more_than_a_form_tha
     """Most where it acts at the place of the first. A moist skin was given a polarization beside it, for 4 nats."""
     one = made("a", -100.0, kinds=(kind("a", stage="drive"),))
     two = made("a+b", -100.0 - ANOTHER + nats + beyond, kinds=(*one.kinds, kind("b", stage=place)))
-    search = SimpleNamespace(best_with_one_more=lambda chosen: two, gain=lambda more: ANOTHER_NATS + 0.1)
+    search = SimpleNamespace(
+        best_with_one_more=lambda chosen: two, gain=lambda more: ANOTHER_NATS + 0.1, mends_a_form=lambda more: False
+    )
     weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, True, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == ((two, True, True) if named else None)
@@ -292,7 +300,9 @@ def test_a_second_effect_must_do_more_than_the_first_in_a_form_far_off(fits: boo
     beside = -200.0 if fits else -90.0
     one = made("a", -100.0, beside, rough=-60.0, kinds=(kind("a", stage="drive"),))
     two = made("a+b", -60.0 + log(MIMICS) - ANOTHER + least + beyond, kinds=(*one.kinds, kind("b", stage="contact")))
-    search = SimpleNamespace(best_with_one_more=lambda chosen: two, gain=lambda more: ANOTHER_NATS + 0.1)
+    search = SimpleNamespace(
+        best_with_one_more=lambda chosen: two, gain=lambda more: ANOTHER_NATS + 0.1, mends_a_form=lambda more: False
+    )
     weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, fits, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == ((two, True, True) if named else None)
