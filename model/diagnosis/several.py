@@ -201,7 +201,8 @@ def several_effects(
     rivals would; beside one that does not fit, it must do more than a discrepancy of unknown shape, or be needed beside
     that as well. Either way it must do more than the first in a form far off. Where both act at one place by more, and
     by more still where their forms are not the catalogue's: another form of the one may look like the two. Effects that
-    fit and do about as much as that discrepancy are not certain.
+    fit and do about as much as that discrepancy are not certain, nor is one that mends another's form; beside a winner
+    that fits that is none.
     """
 
     def fits(candidate: Candidate) -> bool:
@@ -210,7 +211,8 @@ def several_effects(
     chosen = weighed.winner
     while (more := search.best_with_one_more(chosen)) is not None:
         gain = search.gain(more)
-        if gain <= ANOTHER_NATS or search.mends_a_form(more):
+        mends = search.mends_a_form(more)
+        if gain <= ANOTHER_NATS or (one_fits and mends):
             return None
         least = BESIDE_A_FIT_NATS if one_fits else ANOTHER_NATS
         apart = len({kind.stage for kind in more.kinds}) == len(more.kinds)
@@ -228,7 +230,7 @@ def several_effects(
         if odds <= enough:
             return Several(chosen, fit, certain=False) if fit and gain > KIN_NATS else None
         if fit or of_another_form(chosen, weighed.base):
-            return Several(chosen, fit)
+            return Several(chosen, fit, certain=not mends)
     return None
 
 

@@ -258,6 +258,20 @@ def test_two_effects_are_named_where_a_discrepancy_beside_them_only_mends_their_
     assert found == ((two, False, True) if named else None)
 
 
+@pytest.mark.parametrize(("one_fits", "certain"), [(True, None), (False, False)])
+def test_a_second_effect_that_mends_a_form_is_none_beside_one_that_fits_and_never_certain(
+    one_fits: bool, certain: bool | None
+) -> None:
+    one = made("a", -300.0, -200.0, kinds=(kind("a", stage="drive"),))
+    two = made("a+b", -100.0, kinds=(*one.kinds, kind("b", stage="contact")))
+    search = SimpleNamespace(
+        best_with_one_more=lambda chosen: two, gain=lambda more: 90.0, mends_a_form=lambda more: True
+    )
+    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
+    found = several_effects(search, weighed, one_fits, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
+    assert found == (None if certain is None else (two, True, certain))
+
+
 @pytest.mark.parametrize(
     ("odds", "certain"),
     [(ANOTHER_NATS + 0.1, True), (ANOTHER_NATS - 0.1, False), (0.1 - ANOTHER_NATS, False), (-0.1 - ANOTHER_NATS, None)],
