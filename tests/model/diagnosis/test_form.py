@@ -89,9 +89,9 @@ RESISTANCE, NOISE, STRENGTH = BY_NAME["series_resistance"], 0.01, 2.0
 def observed(tmp_path: Path, off: complex) -> tuple[Problem, Array]:
     """A problem of a resistance with a share of itself more that swings with frequency, 1 % noise; and its vector."""
     header = "frequency_hz,voltage_v,normal_force_n,cof,cof_std,current_a,current_phase_rad"
-    rows = [f"{f:.8g},75,0.5,0.5,{0.5 * NOISE},1e-5,1.0" for f in FREQUENCIES for _ in range(6)] + [
-        "250,0,0.5,0.5,0.005,,"
-    ] * 4
+    scatter = (NOISE, -NOISE) * 3  # as replicates tell
+    rows = [f"{f:.8g},75,0.5,0.5,{0.5 * NOISE},{1e-5 * (1.0 + s)},{1.0 + s}" for f in FREQUENCIES for s in scatter]
+    rows += ["250,0,0.5,0.5,0.005,,"] * 4
     path = tmp_path / "data.csv"
     path.write_text("\n".join([header, *rows]) + "\n")
     data = read_measurements(path)
