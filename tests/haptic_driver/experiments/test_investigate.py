@@ -30,8 +30,9 @@ from model.touch_model import TouchModel
 from tests.reports import without_pictures
 
 # Two effects that no setting tells apart: sweat in columns is a conducting gap. A share of 1e-3 that conducts 1e-4 S/m
-# is so unusual, 4 standard deviations of its prior, that the gap is named alone, with 15 nats between them.
-SWEAT = {"sweat_film": {"share": 1e-2, "sweat_conductivity_s_per_m": 1.6e-4, "arrangement": 0.9}}
+# is so unusual, 4 standard deviations of its prior, that the gap is named alone, with 15 nats between them; 1e-2 that
+# conducts 1.6e-4 S/m with 8.
+SWEAT = {"sweat_film": {"share": 1e-2, "sweat_conductivity_s_per_m": 6e-4, "arrangement": 0.9}}
 HUMID = {"humid_gap_conduction": {"gap_conductivity_s_per_m": 8e-9}}
 PLAN = """
 name = "short"
