@@ -35,6 +35,9 @@ ANOTHER = float(np.log(PRIOR_EFFECTS / len(CATALOGUE)))  # log prior of one more
 ANOTHER_NATS = 3.0  # that one more effect must be worth, its prior counted; SURE has as many,
 BESIDE_A_FIT_NATS = 5.0  # and that beside one that fits alone; pilot sets: none of 154 says 4, pairs 5 up
 MOST_NAMED = 2  # effects at once: of sets of three there are a thousand
+ANYTHING = "does hardly more than something unknown would in its place"  # what may be wrong with one of several,
+A_FORM = "is not needed in the catalogue's form: it may mend that of another"
+A_SETTING = "shows at a single setting"
 
 
 @dataclass
@@ -176,11 +179,11 @@ class Search:
 
 
 class Several(NamedTuple):
-    """Several effects that explain the data, whether they fit, and whether each of them is certain to be needed."""
+    """Several effects that explain the data, whether they fit, and why one may not be needed; empty where each is."""
 
     found: Candidate
     fits: bool
-    certain: bool = True
+    doubt: str = ""
 
 
 def is_explanation(several: Several, base: Candidate) -> bool:
@@ -201,12 +204,15 @@ def several_effects(
     rivals would; beside one that does not fit, it must do more than a discrepancy of unknown shape, or be needed beside
     that as well. Either way it must do more than the first in a form far off. Where both act at one place by more, and
     by more still where their forms are not the catalogue's: another form of the one may look like the two. Effects that
-    fit and do about as much as that discrepancy are not certain, nor is one that mends another's form; beside a winner
-    that fits that is none.
+    fit and do about as much as that discrepancy are in doubt, and so is one that shows at a single setting, or that
+    mends another's form; beside a winner that fits that is none.
     """
 
     def fits(candidate: Candidate) -> bool:
         return adequate(candidate, scan(candidate).lack_of_fit_p)
+
+    def seen_once(candidate: Candidate) -> str:
+        return A_SETTING if search.rests_on_one_setting(candidate) else ""
 
     chosen = weighed.winner
     while (more := search.best_with_one_more(chosen)) is not None:
@@ -220,7 +226,7 @@ def several_effects(
         far_off = np.log(MIMICS) + chosen.alone.rough
         if one_fits:
             over = more.alone.log_evidence - max(chosen.alone.log_evidence, far_off)
-            return Several(more, fits(more)) if over + ANOTHER > enough else None
+            return Several(more, fits(more), seen_once(more)) if over + ANOTHER > enough else None
         best = max(more.alone.log_evidence, more.beside_discrepancy.log_evidence)
         unknown = max(np.log(PRIOR_UNKNOWN) + chosen.beside_discrepancy.log_evidence, far_off)
         odds = best + (len(more.kinds) - len(chosen.kinds)) * ANOTHER - unknown
@@ -228,9 +234,9 @@ def several_effects(
             return None
         chosen, fit = more, fits(more)
         if odds <= enough:
-            return Several(chosen, fit, certain=False) if fit and gain > KIN_NATS else None
+            return Several(chosen, fit, ANYTHING) if fit and gain > KIN_NATS else None
         if fit or of_another_form(chosen, weighed.base):
-            return Several(chosen, fit, certain=not mends)
+            return Several(chosen, fit, A_FORM if mends else seen_once(chosen))
     return None
 
 

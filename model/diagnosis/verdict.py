@@ -108,7 +108,7 @@ def decide(
         found = several.found
         places = [search.places(found, i) for i in range(len(found.kinds))]
         if max(len(place) for place in places) <= MOST_ALIKE:
-            return _name_several(several, places, probabilities, search.rests_on_one_setting(found))
+            return _name_several(several, places, probabilities)
     if one_fits and (settled := _of_no_effect(weighed, probabilities)):
         return settled
 
@@ -246,9 +246,7 @@ def _remainder(problem: Problem, winner: Candidate, base: Candidate) -> float:
     return float(np.sqrt(max(np.sum(left[data.of(w)] ** 2) for w in data.witnesses) / explained))
 
 
-def _name_several(
-    several: Several, places: list[dict[str, float]], probabilities: dict[str, float], at_one_setting: bool
-) -> Verdict:
+def _name_several(several: Several, places: list[dict[str, float]], probabilities: dict[str, float]) -> Verdict:
     """Each effect by its own name, with what may stand in its place."""
     found = several.found
     names = [kind.name for kind in found.kinds]
@@ -262,10 +260,8 @@ def _name_several(
     group = {name: [other for other in place if other != name] for name, place in zip(names, places, strict=True)}
     count = {2: "two", 3: "three"}[len(names)]
     verdict = "ambiguous"
-    if not several.certain:
-        reason = f"{count} effects fit, but one of them does hardly more than something unknown would in its place"
-    elif at_one_setting:
-        reason = f"{count} effects fit, but one of them shows at a single setting"
+    if several.doubt:
+        reason = f"{count} effects fit, but one of them {several.doubt}"
     elif len(names) > MOST_NAMED:
         reason = f"{count} effects fit, but so many imitate much that is in no catalogue"
     elif any(group.values()):

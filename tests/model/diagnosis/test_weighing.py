@@ -18,7 +18,16 @@ from model.diagnosis.naming import (
     SURE,
     could_stand_for,
 )
-from model.diagnosis.several import ANOTHER, ANOTHER_NATS, BESIDE_A_FIT_NATS, is_explanation, several_effects
+from model.diagnosis.several import (
+    A_FORM,
+    A_SETTING,
+    ANOTHER,
+    ANOTHER_NATS,
+    ANYTHING,
+    BESIDE_A_FIT_NATS,
+    is_explanation,
+    several_effects,
+)
 from model.diagnosis.verdict import SEVERAL_CERTAIN
 from model.diagnosis.weighing import DISCREPANCY_WINS, MENDED, MIMICS, PARTICULAR, Weighed, among_alike, of_its_form
 from model.effects import BY_NAME
@@ -143,12 +152,12 @@ def kind(name: str, off: float = 0.0, scale: str = "linear", stage: str = "") ->
 def certain(*x: float) -> SimpleNamespace:
     """Two effects, fitted: the base model's one parameter and then theirs, in standard deviations of their priors."""
     fit = SimpleNamespace(vector=np.array([9.0, *x]))
-    return SimpleNamespace(found=made("a+b", 0.0, kinds=(kind("a"), kind("b")), fit=fit), fits=True, certain=True)
+    return SimpleNamespace(found=made("a+b", 0.0, kinds=(kind("a"), kind("b")), fit=fit), fits=True, doubt="")
 
 
 def test_each_of_two_effects_has_its_half_and_shares_it_with_what_may_stand_there() -> None:
     before = {"a": 0.3, "b": 0.2, "c": 0.2, "none": 0.2, "unknown": 0.1}
-    found = verdict._name_several(certain(0.0, 0.0), [{"a": 0.6, "c": 0.2}, {"b": 0.4}], before, False)  # type: ignore[arg-type]
+    found = verdict._name_several(certain(0.0, 0.0), [{"a": 0.6, "c": 0.2}, {"b": 0.4}], before)  # type: ignore[arg-type]
     half, left = SEVERAL_CERTAIN / 2, 1.0 - SEVERAL_CERTAIN
     shares = {"a": 0.75 * half, "c": 0.25 * half, "b": half, "none": left * 2 / 3, "unknown": left / 3}
     assert found.probabilities == pytest.approx(shares, rel=1e-9)
@@ -158,10 +167,11 @@ def test_each_of_two_effects_has_its_half_and_shares_it_with_what_may_stand_ther
 @pytest.mark.parametrize(("x", "unusual"), [(2.5, False), (2.7, True), (-2.7, True)])
 def test_two_names_say_so_where_one_is_stronger_than_usual(x: float, unusual: bool) -> None:
     before = {"a": 0.5, "b": 0.4, "none": 0.1}
-    found = verdict._name_several(certain(0.0, x), [{"a": 1.0}, {"b": 1.0}], before, False)  # type: ignore[arg-type]
+    found = verdict._name_several(certain(0.0, x), [{"a": 1.0}, {"b": 1.0}], before)  # type: ignore[arg-type]
     assert (found.verdict, found.adequate) == ("effect_found", True)
-    one_setting = verdict._name_several(certain(0.0, x), [{"a": 1.0}, {"b": 1.0}], before, True)  # type: ignore[arg-type]
-    assert (one_setting.verdict, "single setting" in one_setting.reasons[0]) == ("ambiguous", True)
+    doubted = SimpleNamespace(**vars(certain(0.0, x)) | {"doubt": A_SETTING})
+    listed = verdict._name_several(doubted, [{"a": 1.0}, {"b": 1.0}], before)  # type: ignore[arg-type]
+    assert (listed.verdict, "shows at a single setting" in listed.reasons[0]) == ("ambiguous", True)
     assert ("stronger than 99 %" in found.reasons[0]) is unusual
 
 
@@ -252,15 +262,16 @@ def test_two_effects_are_named_where_a_discrepancy_beside_them_only_mends_their_
         best_with_one_more=lambda chosen: two if chosen is one else None,
         gain=lambda more: 90.0,
         mends_a_form=lambda more: False,
+        rests_on_one_setting=lambda found: False,
     )
     weighed = Weighed(base, [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
-    assert found == ((two, False, True) if named else None)
+    assert found == ((two, False, "") if named else None)
 
 
-@pytest.mark.parametrize(("one_fits", "certain"), [(True, None), (False, False)])
+@pytest.mark.parametrize(("one_fits", "doubt"), [(True, None), (False, A_FORM)])
 def test_a_second_effect_that_mends_a_form_is_none_beside_one_that_fits_and_never_certain(
-    one_fits: bool, certain: bool | None
+    one_fits: bool, doubt: str | None
 ) -> None:
     one = made("a", -300.0, -200.0, kinds=(kind("a", stage="drive"),))
     two = made("a+b", -100.0, kinds=(*one.kinds, kind("b", stage="contact")))
@@ -269,25 +280,33 @@ def test_a_second_effect_that_mends_a_form_is_none_beside_one_that_fits_and_neve
     )
     weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, one_fits, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
-    assert found == (None if certain is None else (two, True, certain))
+    assert found == (None if doubt is None else (two, True, doubt))
 
 
 @pytest.mark.parametrize(
-    ("odds", "certain"),
-    [(ANOTHER_NATS + 0.1, True), (ANOTHER_NATS - 0.1, False), (0.1 - ANOTHER_NATS, False), (-0.1 - ANOTHER_NATS, None)],
+    ("odds", "doubt"),
+    [
+        (ANOTHER_NATS + 0.1, ""),
+        (ANOTHER_NATS - 0.1, ANYTHING),
+        (0.1 - ANOTHER_NATS, ANYTHING),
+        (-0.1 - ANOTHER_NATS, None),
+    ],
 )
 def test_two_effects_that_fit_are_certain_where_the_second_does_more_than_something_unknown(
-    odds: float, certain: bool | None
+    odds: float, doubt: str | None
 ) -> None:
     """A roll-off with trapped charge was unexplained: something unknown in place of the charge explained as much."""
     one = made("a", -300.0, -100.0, kinds=(kind("a", stage="drive"),))
     two = made("a+b", -100.0 + log(PRIOR_UNKNOWN) - ANOTHER + odds, kinds=(*one.kinds, kind("b", stage="contact")))
     search = SimpleNamespace(
-        best_with_one_more=lambda chosen: two, gain=lambda more: KIN_NATS + 0.1, mends_a_form=lambda more: False
+        best_with_one_more=lambda chosen: two,
+        gain=lambda more: KIN_NATS + 0.1,
+        mends_a_form=lambda more: False,
+        rests_on_one_setting=lambda found: False,
     )
     weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
-    assert found == (None if certain is None else (two, True, certain))
+    assert found == (None if doubt is None else (two, True, doubt))
 
 
 @pytest.mark.parametrize(("place", "nats"), [("contact", BESIDE_A_FIT_NATS), ("drive", NEAR_NATS)])
@@ -299,11 +318,14 @@ def test_beside_one_that_fits_a_second_effect_must_be_worth_more_than_a_form_tha
     one = made("a", -100.0, kinds=(kind("a", stage="drive"),))
     two = made("a+b", -100.0 - ANOTHER + nats + beyond, kinds=(*one.kinds, kind("b", stage=place)))
     search = SimpleNamespace(
-        best_with_one_more=lambda chosen: two, gain=lambda more: ANOTHER_NATS + 0.1, mends_a_form=lambda more: False
+        best_with_one_more=lambda chosen: two,
+        gain=lambda more: ANOTHER_NATS + 0.1,
+        mends_a_form=lambda more: False,
+        rests_on_one_setting=lambda found: False,
     )
     weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, True, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
-    assert found == ((two, True, True) if named else None)
+    assert found == ((two, True, "") if named else None)
 
 
 @pytest.mark.parametrize("fits", [True, False])
@@ -315,11 +337,14 @@ def test_a_second_effect_must_do_more_than_the_first_in_a_form_far_off(fits: boo
     one = made("a", -100.0, beside, rough=-60.0, kinds=(kind("a", stage="drive"),))
     two = made("a+b", -60.0 + log(MIMICS) - ANOTHER + least + beyond, kinds=(*one.kinds, kind("b", stage="contact")))
     search = SimpleNamespace(
-        best_with_one_more=lambda chosen: two, gain=lambda more: ANOTHER_NATS + 0.1, mends_a_form=lambda more: False
+        best_with_one_more=lambda chosen: two,
+        gain=lambda more: ANOTHER_NATS + 0.1,
+        mends_a_form=lambda more: False,
+        rests_on_one_setting=lambda found: False,
     )
     weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, fits, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
-    assert found == ((two, True, True) if named else None)
+    assert found == ((two, True, "") if named else None)
 
 
 @pytest.mark.parametrize(
