@@ -55,9 +55,10 @@ class OutputPump:
 
     @property
     def output_on(self) -> bool | None:
-        """Whether there is output; None where nobody knows."""
+        """Whether there is output; None where nobody knows: from when the gate closes until it is shown off."""
         state = self.actuator.rig.state if self.actuator is not None else RigState.UNKNOWN
-        return {RigState.ON: True, RigState.OFF: False, RigState.TRIPPED: self._shown_on}.get(state)
+        on = None if self._gate is None else True
+        return {RigState.ON: on, RigState.OFF: False, RigState.TRIPPED: self._shown_on}.get(state)
 
     def open(self, order: int) -> None:
         """Let out what render decides for this order and later ones; what is let out already goes on without a gap."""

@@ -152,8 +152,11 @@ def test_nothing_goes_out_through_a_closed_gate(start):
     loop.set(0.65)
     loop.run(0.5)
     assert loop.amplifier.voltage_v > 50.0
+    assert loop.pump.output_on is True
     loop.pump.close()
+    assert loop.pump.output_on is None  # a fault and what it leaves unknown are told in one step
     loop.run(0.05)
+    assert loop.pump.output_on is False
     assert loop.amplifier.voltage_v == 0.0
     assert loop.rig.events[-1].state is RigState.OFF
 
