@@ -33,7 +33,7 @@ MOST = 3  # effects at once
 FITTED = 6  # of those beside others: the most promising
 ANOTHER = float(np.log(PRIOR_EFFECTS / len(CATALOGUE)))  # log prior of one more: as of the first
 ANOTHER_NATS = 3.0  # that one more effect must be worth, its prior counted; SURE has as many,
-BESIDE_A_FIT_NATS = 5.0  # and that beside one that fits alone; pilot sets: none of 154 says 4, pairs 5 up
+NAMED_NATS = 5.0  # and more than what else it may be, to be named; pilot sets: none of 154 says 4, pairs 5 up
 MOST_NAMED = 2  # effects at once: of sets of three there are a thousand
 ANYTHING = "does hardly more than something unknown would in its place"  # what may be wrong with one of several,
 A_FORM = "is not needed in the catalogue's form: it may mend that of another"
@@ -220,9 +220,8 @@ def several_effects(
         mends = search.mends_a_form(more)
         if gain <= ANOTHER_NATS or (one_fits and mends):
             return None
-        least = BESIDE_A_FIT_NATS if one_fits else ANOTHER_NATS
         apart = len({kind.stage for kind in more.kinds}) == len(more.kinds)
-        enough = least if apart else NEAR_NATS if of_exact_form(more) else KIN_NATS
+        enough = NAMED_NATS if apart else NEAR_NATS if of_exact_form(more) else KIN_NATS
         far_off = np.log(MIMICS) + chosen.alone.rough
         if one_fits:
             over = more.alone.log_evidence - max(chosen.alone.log_evidence, far_off)

@@ -26,6 +26,7 @@ from model.diagnosis.weighing import (
     adequate,
     among_alike,
     confusion,
+    is_mostly_bent,
     of_another_form,
     of_exact_form,
     posterior,
@@ -38,9 +39,10 @@ LIKELY_NONE = 0.35  # and from which it is the verdict where no effect is certai
 NAME_REMAINDER = 0.18  # of the effect's own signature: what may be left beside a name,
 LIST_REMAINDER = 0.37  # and beside a list; pilot sets: strangers that effects half explain leave 0.2 and 0.38 up
 SEVERAL_CERTAIN = 0.98
-SURE_OF_ANOTHER_FORM = 0.99  # what is unknown often looks like an effect of another form, hardly like one of its own
 MOST_ALIKE = 3  # effects that may stand in one place: where more could, several effects are no explanation
 LEADERS = 6
+MOSTLY_BENT = "its form would have to be off by more than speaks for it"
+LIKE_FORCE_SENSOR = "; a force sensor that reads the load looks like this: tare it, and press without sliding"
 FORM_IS_OFF = "; its form is not quite the catalogue's"
 USUAL = 2.58  # prior standard deviations that hold 99 %
 
@@ -114,18 +116,16 @@ def decide(
 
     group = _alike(problem, weighed, one_fits)
     if one_fits:
-        return _name_one(winner, group, probabilities, _perhaps(search, winner))
+        return _name_one(weighed, group, _perhaps(search, winner))
 
     if beside := _name_beside_discrepancy(problem, weighed, group):
         return beside
-    return Verdict(
-        "unexplained",
-        False,
-        base,
-        probabilities,
-        {},
-        ("the data disagree with the model, and no effect of the catalogue explains how",),
-    )
+    return _unexplained(weighed, "the data disagree with the model, and no effect of the catalogue explains how")
+
+
+def _unexplained(weighed: Weighed, reason: str) -> Verdict:
+    reason += LIKE_FORCE_SENSOR if weighed.is_like_force_sensor else ""
+    return Verdict("unexplained", False, weighed.base, weighed.probabilities, {}, (reason,))
 
 
 def _alike(problem: Problem, weighed: Weighed, fits: bool) -> list[str]:
@@ -147,8 +147,7 @@ def _of_no_effect(weighed: Weighed, probabilities: dict[str, float]) -> Verdict 
     """
     effects = _effects(probabilities)
     if probabilities[UNKNOWN] >= 0.5 and not any(name in effects for name in _fewest(probabilities)):
-        reason = "a discrepancy of unknown shape is the most probable"
-        return Verdict("unexplained", False, weighed.base, probabilities, {}, (reason,))
+        return _unexplained(weighed, "a discrepancy of unknown shape is the most probable")
     if probabilities[NONE] >= LIKELY_NONE:
         reason = "nothing is certain; none is the most probable"
         return Verdict("no_discrepancy", True, weighed.base, probabilities, {}, (reason,))
@@ -163,15 +162,18 @@ def _perhaps(search: Search, winner: Candidate) -> list[str]:
     return [kind.name for kind in more.kinds if kind not in winner.kinds]
 
 
-def _name_one(winner: Candidate, group: list[str], probabilities: dict[str, float], perhaps: list[str]) -> Verdict:
+def _name_one(weighed: Weighed, group: list[str], perhaps: list[str]) -> Verdict:
     """The winner, or a list that it leads, of all that is certain only together; `perhaps` stands beside it."""
+    winner, probabilities = weighed.winner, weighed.probabilities
     effects = _effects(probabilities)
     certain = sum(effects.values()) >= SURE
     members = dict.fromkeys([*group, *(name for name in _fewest(probabilities) if name in effects)])
     rivals = [name for name in members if name != winner.name]
     reason = "these data cannot tell the group's members apart" if certain else "no candidate is certain; ranked"
     verdict, exact = "ambiguous", of_exact_form(winner)
-    if not rivals and probabilities[winner.name] >= (SURE if exact else SURE_OF_ANOTHER_FORM):
+    if is_mostly_bent(winner, weighed.base):
+        reason = MOSTLY_BENT
+    elif not rivals and probabilities[winner.name] >= SURE:
         verdict, reason = "effect_found", "probability and separation are high" + _how_unusual(winner)
     reason += "" if exact else FORM_IS_OFF
     reason += f"; perhaps {' and '.join(words(name) for name in perhaps)} as well" if perhaps else ""
@@ -190,10 +192,11 @@ def _name_beside_discrepancy(problem: Problem, weighed: Weighed, group: list[str
     left = "its form is another" if is_other_form else f"what remains is {remainder:.0%} of its signature"
     members = dict.fromkeys([*group, *needed, *_credible(probabilities)])  # what is named alone has to be probable, too
     rivals = [name for name in members if name != winner.name]
-    is_sure = remainder <= NAME_REMAINDER and probabilities[winner.name] >= SURE_OF_ANOTHER_FORM
+    bent = is_mostly_bent(winner, weighed.base)
+    is_sure = not bent and remainder <= NAME_REMAINDER and probabilities[winner.name] >= SURE
     verdict = "ambiguous" if rivals or not is_sure else "effect_found"
     told = among_alike(probabilities, winner.name, rivals)
-    reason = f"needed even beside a discrepancy of unknown shape; {left}"
+    reason = f"needed even beside a discrepancy of unknown shape; {MOSTLY_BENT if bent else left}"
     return Verdict(verdict, False, winner, told, {winner.name: rivals}, (reason,))
 
 

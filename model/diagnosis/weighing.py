@@ -26,6 +26,8 @@ LACK_OF_FIT = 5e-4  # pilot sets: clear effects of another form reach 0.001, str
 MIMICS = PRIOR_UNKNOWN / PRIOR_EFFECTS  # of an effect's prior: something unknown that looks like it, but for its form
 PARTICULAR = 0.25  # of a nat, what each nat beyond a discrepancy of any shape says against a look-alike; pilot sets
 LIST_TELLS = 1.0 / 3.0  # of what data say of the first of a list against the rest; pilot sets, see docs/diagnosis.md
+MUCH = 0.1  # that a form is off: where that adds more than
+BENT = 2.0  # times what effects say beyond a discrepancy of any shape, they are no name; pilot sets
 MENDED = 3.0  # times what a discrepancy beside an effect adds, the effect's own form says beyond any; pilot sets
 
 
@@ -33,13 +35,15 @@ MENDED = 3.0  # times what a discrepancy beside an effect adds, the effect's own
 class Weighed:
     """All single-effect models of one data set beside the base model.
 
-    `unseen`: log evidence of each effect where it is too weak to leave a trace.
+    `unseen`: log evidence of each effect where it is too weak to leave a trace; `force_sensor`: of one that reads the
+    load.
     """
 
     base: Candidate
     singles: list[Candidate]
     untestable: list[str]
     unseen: dict[str, float] = field(default_factory=dict)
+    force_sensor: float = -np.inf
 
     @property
     def winner(self) -> Candidate:
@@ -52,14 +56,16 @@ class Weighed:
 
         An effect too weak to leave a trace counts as none.
         Unknown is a discrepancy of any shape: beside the base model; beside the winner, where it wins there and the
-        winner is not the effect itself in another form; and one that looks like an effect of a form far off, which is
-        the less likely the more the effect says in particular.
+        winner is not the effect itself in another form; one that looks like an effect of a form far off, which is
+        the less likely the more the effect says in particular; and a force sensor that reads the load, as likely as any
+        effect.
         """
         each = np.log(PRIOR_EFFECTS / (len(self.singles) + len(self.untestable)))
         base, winner = self.base, self.winner
         logs = {c.name: float(each + self._seen(c)) for c in self.singles}
         unknown = [np.log(PRIOR_UNKNOWN) + base.beside_discrepancy.log_evidence - PARTICULAR * tightness(winner)]
         unknown += [np.log(MIMICS) + each + mimic(c, base) for c in self.singles]
+        unknown.append(each + self.force_sensor)
         more = np.log(PRIOR_UNKNOWN) + each + winner.beside_discrepancy.log_evidence
         if of_another_form(winner, base):
             logs[winner.name] = float(np.logaddexp(logs[winner.name], more))
@@ -68,6 +74,12 @@ class Weighed:
         none = [np.log(PRIOR_NONE) + base.alone.log_evidence, *(each + value for value in self.unseen.values())]
         logs |= {NONE: float(logsumexp(none)), UNKNOWN: float(logsumexp(unknown))}
         return posterior(logs | {name: float(each + base.alone.log_evidence) for name in self.untestable})
+
+    @property
+    def is_like_force_sensor(self) -> bool:
+        """Whether a force sensor that reads the load explains more than any effect, or discrepancy of any shape."""
+        others = self.winner.alone.log_evidence, self.base.beside_discrepancy.log_evidence
+        return self.force_sensor > max(others)
 
     def _seen(self, candidate: Candidate) -> float:
         """log evidence of an effect where it leaves a trace."""
@@ -107,6 +119,13 @@ def of_another_form(candidate: Candidate, base: Candidate) -> bool:
     own = candidate.alone.log_evidence - base.beside_discrepancy.log_evidence
     mended = candidate.beside_discrepancy.log_evidence - candidate.alone.log_evidence
     return beside_wins(candidate) and bool(own > MENDED * mended)
+
+
+def is_mostly_bent(candidate: Candidate, base: Candidate) -> bool:
+    """Whether effects explain most by a form that is off by much, as much else could that is smooth."""
+    alone = candidate.alone
+    own = alone.log_evidence - base.beside_discrepancy.log_evidence
+    return alone.bend >= MUCH and bool(alone.log_evidence - alone.exact > BENT * own)
 
 
 def mimic(candidate: Candidate, base: Candidate) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Problem
+from model.diagnosis.force_sensor import force_sensor_evidence
 from model.diagnosis.learned import LearnedTerm, learn
 from model.diagnosis.naming import Candidate, candidate, fit_candidates, testable_effects, unseen
 from model.diagnosis.noise import Noise, noise_of
@@ -98,7 +99,8 @@ def diagnose(
     noise = problem.noise
     warnings += noise.warnings
     before = disagreement(data, noise, base.fit, base.bent, seed)
-    weighed = Weighed(base, singles, untestable, {kind.name: unseen(problem, base, kind) for kind in kinds})
+    hidden = {kind.name: unseen(problem, base, kind) for kind in kinds}
+    weighed = Weighed(base, singles, untestable, hidden, force_sensor_evidence(problem, base))
 
     def scan(found: Candidate) -> Disagreement:
         return disagreement(data, noise, found.around, found.bent, seed)

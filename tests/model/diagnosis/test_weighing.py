@@ -24,7 +24,7 @@ from model.diagnosis.several import (
     ANOTHER,
     ANOTHER_NATS,
     ANYTHING,
-    BESIDE_A_FIT_NATS,
+    NAMED_NATS,
     is_explanation,
     several_effects,
 )
@@ -39,7 +39,7 @@ def made(name: str, alone: float, beside: float = FAR, rough: float = FAR, **mor
     """A candidate as far as the verdict looks at one."""
     return SimpleNamespace(
         name=name,
-        alone=SimpleNamespace(log_evidence=alone, rough=rough, exact=alone),
+        alone=SimpleNamespace(log_evidence=alone, rough=rough, exact=alone, bend=0.0),
         beside_discrepancy=SimpleNamespace(log_evidence=beside),
         **more,
     )
@@ -47,6 +47,15 @@ def made(name: str, alone: float, beside: float = FAR, rough: float = FAR, **mor
 
 def posterior(base: SimpleNamespace, *singles: SimpleNamespace, **more: object) -> dict[str, float]:
     return Weighed(base, list(singles), [], **more).probabilities  # type: ignore[arg-type]
+
+
+def named(
+    found: SimpleNamespace, said: dict[str, float], group: tuple[str, ...] = (), perhaps: tuple[str, ...] = (),
+    smooth: float = FAR,
+) -> verdict.Verdict:  # fmt: skip
+    """The verdict about one effect of these probabilities; `smooth`: log evidence of a discrepancy of any shape."""
+    weighed = SimpleNamespace(winner=found, base=made("none", FAR, smooth), probabilities=said)
+    return verdict._name_one(weighed, list(group), list(perhaps))  # type: ignore[arg-type]
 
 
 def expected(**weights: float) -> object:
@@ -180,27 +189,44 @@ def test_a_name_is_not_adequate_where_the_data_refute_the_catalogues_own_form(od
     """The model that is written has that form. `odds` in units of those from which they do."""
     found = made("a", -10.0, fit=SimpleNamespace(vector=np.zeros(1)), kinds=(kind("a"),))
     found.alone.exact = -10.0 - log(odds * DISCREPANCY_WINS)
-    named = verdict._name_one(found, [], {"a": 0.99, "none": 0.01}, [])  # type: ignore[arg-type]
-    assert (named.verdict, named.adequate) == ("effect_found", exact)
-    assert ("not quite the catalogue's" in named.reasons[0]) is not exact
+    said = named(found, {"a": 0.99, "none": 0.01})
+    assert (said.verdict, said.adequate) == ("effect_found", exact)
+    assert ("not quite the catalogue's" in said.reasons[0]) is not exact
 
 
-@pytest.mark.parametrize(("form", "probability", "named"), [(0.0, 0.96, True), (9.0, 0.98, False), (9.0, 0.995, True)])
-def test_a_name_of_another_form_has_to_be_surer(form: float, probability: float, named: bool) -> None:
-    """A resonance of the screen was called trapped charge of another form, with 0.96."""
+@pytest.mark.parametrize(("own", "bend", "sure"), [(0.51, 0.1, True), (0.49, 0.1, False), (0.49, 0.05, True)])
+def test_no_name_where_a_form_that_is_off_by_much_explains_most(own: float, bend: float, sure: bool) -> None:
+    """`own` in units of what that adds. A resonance of the screen was called trapped charge of another form."""
     found = made("a", -10.0, fit=SimpleNamespace(vector=np.zeros(1)), kinds=(kind("a"),))
-    found.alone.exact = -10.0 - form
-    said = verdict._name_one(found, [], {"a": probability, "unknown": 1.0 - probability}, [])  # type: ignore[arg-type]
-    assert (said.verdict == "effect_found") is named
+    found.alone.exact, found.alone.bend = -10.0 - 40.0, bend
+    said = named(found, {"a": 0.995, "unknown": 0.005}, smooth=-10.0 - own * 40.0)
+    assert (said.verdict, said.suspects) == ("effect_found" if sure else "ambiguous", ["a"])
+    assert ("off by more than speaks for it" in said.reasons[0]) is not sure
+
+
+def test_a_force_sensor_that_reads_the_load_is_as_likely_as_an_effect() -> None:
+    """Three of 640 sets were called load-dependent friction for a share of the load in the sensor's reading."""
+    found = posterior(made("none", -90.0), made("a", -10.0), made("b", -12.0), force_sensor=-11.0)
+    each = PRIOR_EFFECTS / 2
+    assert found == expected(
+        a=each * exp(-10.0), b=each * exp(-12.0), none=PRIOR_NONE * exp(-90.0), unknown=each * exp(-11.0)
+    )
+
+
+@pytest.mark.parametrize(("sensor", "told"), [(-9.0, True), (-11.0, False)])
+def test_unexplained_says_where_the_force_sensor_would_do(sensor: float, told: bool) -> None:
+    weighed = Weighed(made("none", -90.0, -10.0), [made("a", -12.0)], [], force_sensor=sensor)  # type: ignore[list-item, arg-type]
+    said = verdict._unexplained(weighed, "the data disagree")
+    assert ("tare it" in said.reasons[0]) is told
 
 
 def test_a_list_holds_the_fewest_that_are_certain_together() -> None:
     """It held what has 95 % among the effects, up to nineteen, however sure it was that there is none of them."""
     found = made("a", -10.0, kinds=(kind("a"),), fit=SimpleNamespace(vector=np.zeros(1)))
     said = {"a": 0.5, "none": 0.25, "b": 0.15, "unknown": 0.06, "c": 0.03, "d": 0.01}
-    listed = verdict._name_one(found, [], said, [])  # type: ignore[arg-type]
+    listed = named(found, said)
     assert (listed.verdict, listed.group) == ("ambiguous", {"a": ["b"]})
-    assert verdict._name_one(found, ["d"], said, []).group == {"a": ["d", "b"]}  # type: ignore[arg-type]
+    assert named(found, said, ("d",)).group == {"a": ["d", "b"]}
 
 
 @pytest.mark.parametrize(
@@ -215,14 +241,14 @@ def test_something_unknown_is_not_told_apart_from_an_effect_without_which_it_is_
     said: dict[str, float], unexplained: bool
 ) -> None:
     """Of ten pilot sets of friction alone where it had 0.5 to 0.95, nine hid an effect of the catalogue."""
-    settled = verdict._of_no_effect(Weighed(made("none", 0.0), [], []), said)  # type: ignore[arg-type]
+    settled = verdict._of_no_effect(Weighed(made("none", 0.0), [made("a", 0.0)], []), said)  # type: ignore[arg-type]
     assert (settled is not None) is unexplained
     assert settled is None or settled.verdict == "unexplained"
 
 
 def test_nothing_missing_is_the_verdict_where_it_is_more_probable_than_something_unknown() -> None:
     said = {"none": 0.6, "unknown": 0.38, "a": 0.02}
-    settled = verdict._of_no_effect(Weighed(made("none", 0.0), [], []), said)  # type: ignore[arg-type]
+    settled = verdict._of_no_effect(Weighed(made("none", 0.0), [made("a", 0.0)], []), said)  # type: ignore[arg-type]
     assert settled is not None
     assert settled.verdict == "no_discrepancy"
 
@@ -246,9 +272,9 @@ def test_what_is_favoured_beside_a_name_but_not_enough_for_one_is_told(gain: flo
     two = made("a+b", 0.0, kinds=(*one.kinds, kind("b")))
     search = SimpleNamespace(best_with_one_more=lambda chosen: two, gain=lambda more: gain)
     assert verdict._perhaps(search, one) == perhaps  # type: ignore[arg-type]
-    named = verdict._name_one(one, [], {"a": 0.99, "none": 0.01}, perhaps)  # type: ignore[arg-type]
-    assert (named.verdict, named.adequate) == ("effect_found", not perhaps)
-    assert ("perhaps b as well" in named.reasons[0]) is bool(perhaps)
+    said = named(one, {"a": 0.99, "none": 0.01}, perhaps=tuple(perhaps))
+    assert (said.verdict, said.adequate) == ("effect_found", not perhaps)
+    assert ("perhaps b as well" in said.reasons[0]) is bool(perhaps)
 
 
 @pytest.mark.parametrize(("own", "named"), [(1.01, True), (0.99, False)])
@@ -286,8 +312,8 @@ def test_a_second_effect_that_mends_a_form_is_none_beside_one_that_fits_and_neve
 @pytest.mark.parametrize(
     ("odds", "doubt"),
     [
-        (ANOTHER_NATS + 0.1, ""),
-        (ANOTHER_NATS - 0.1, ANYTHING),
+        (NAMED_NATS + 0.1, ""),
+        (NAMED_NATS - 0.1, ANYTHING),
         (0.1 - ANOTHER_NATS, ANYTHING),
         (-0.1 - ANOTHER_NATS, None),
     ],
@@ -295,7 +321,10 @@ def test_a_second_effect_that_mends_a_form_is_none_beside_one_that_fits_and_neve
 def test_two_effects_that_fit_are_certain_where_the_second_does_more_than_something_unknown(
     odds: float, doubt: str | None
 ) -> None:
-    """A roll-off with trapped charge was unexplained: something unknown in place of the charge explained as much."""
+    """A roll-off with trapped charge was unexplained: something unknown in place of the charge explained as much.
+
+    A resistance of another form was named with an electrowetting, for 3.8 nats.
+    """
     one = made("a", -300.0, -100.0, kinds=(kind("a", stage="drive"),))
     two = made("a+b", -100.0 + log(PRIOR_UNKNOWN) - ANOTHER + odds, kinds=(*one.kinds, kind("b", stage="contact")))
     search = SimpleNamespace(
@@ -309,7 +338,7 @@ def test_two_effects_that_fit_are_certain_where_the_second_does_more_than_someth
     assert found == (None if doubt is None else (two, True, doubt))
 
 
-@pytest.mark.parametrize(("place", "nats"), [("contact", BESIDE_A_FIT_NATS), ("drive", NEAR_NATS)])
+@pytest.mark.parametrize(("place", "nats"), [("contact", NAMED_NATS), ("drive", NEAR_NATS)])
 @pytest.mark.parametrize(("beyond", "named"), [(0.1, True), (-0.1, False)])
 def test_beside_one_that_fits_a_second_effect_must_be_worth_more_than_a_form_that_is_off(
     place: str, nats: float, beyond: float, named: bool
@@ -332,10 +361,11 @@ def test_beside_one_that_fits_a_second_effect_must_be_worth_more_than_a_form_tha
 @pytest.mark.parametrize(("beyond", "named"), [(0.1, True), (-0.1, False)])
 def test_a_second_effect_must_do_more_than_the_first_in_a_form_far_off(fits: bool, beyond: float, named: bool) -> None:
     """A nonlinear skin whose form is off by more than a tenth was named with an error of gain, for 14 nats."""
-    least = BESIDE_A_FIT_NATS if fits else ANOTHER_NATS
     beside = -200.0 if fits else -90.0
     one = made("a", -100.0, beside, rough=-60.0, kinds=(kind("a", stage="drive"),))
-    two = made("a+b", -60.0 + log(MIMICS) - ANOTHER + least + beyond, kinds=(*one.kinds, kind("b", stage="contact")))
+    two = made(
+        "a+b", -60.0 + log(MIMICS) - ANOTHER + NAMED_NATS + beyond, kinds=(*one.kinds, kind("b", stage="contact"))
+    )
     search = SimpleNamespace(
         best_with_one_more=lambda chosen: two,
         gain=lambda more: ANOTHER_NATS + 0.1,
