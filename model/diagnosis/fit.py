@@ -99,10 +99,18 @@ class Problem:
     @cached_property
     def smooth_in_frequency(self) -> Array:
         """Smooth functions of frequency alone where there is voltage, the same for all witnesses [n, m]."""
+        return self._smooth_where_driven("frequency_hz")
+
+    @cached_property
+    def smooth_in_amplitude(self) -> Array:
+        """The same of amplitude, over its decades."""
+        return self._smooth_where_driven("voltage_v")
+
+    def _smooth_where_driven(self, name: str) -> Array:
         data = self.predictor.data
-        if not data.varies("frequency_hz"):
+        if not data.varies(name):
             return np.zeros((data.count, 0))
-        return roots(standardised(data, "frequency_hz")[:, None]) * data.driven[:, None]
+        return roots(standardised(data, name, decades=True)[:, None]) * data.driven[:, None]
 
     def whitened(self, kinds: Sequence[type[Effect]], vectors: Array) -> Array:
         """Whitened residuals [m, n] of parameter vectors [m, k]; unsolvable rows are far off, never NaN."""

@@ -8,7 +8,9 @@ times the signature's size. Where the signature grows faster than the effect's s
 the strength would change, up to twice as much.
 
 All witnesses together, of what electricity does: the effect's strength depends smoothly on frequency, in amount and in
-phase, as an element's may whose circuit the catalogue does not know; what that changes follows from the model.
+phase, as an element's may whose circuit the catalogue does not know; what that changes follows from the model. An
+amplifier's gain depends on the amplitude as well: spectra are taken at a few volts. Other strengths that do are effects
+of their own in the catalogue.
 """
 
 from __future__ import annotations
@@ -43,6 +45,8 @@ def form_terms(problem: Problem, fit: Fit) -> list[Array]:
         if kind.stage in ELECTRICAL:
             changes = (change, _turned(problem.predictor.data, change))
             own = np.hstack([each[:, None] * problem.smooth_in_frequency for each in changes])
+            if kind.bends_with_amplitude:
+                own = np.hstack([own, change[:, None] * problem.smooth_in_amplitude])
         together.append(own)
     is_electrical = any(kind.stage in ELECTRICAL for kind in fit.kinds)
     ways = [apart, together] if is_electrical else [apart]

@@ -24,12 +24,12 @@ LOG_INPUTS = ("frequency_hz", "normal_force_n", "speed_m_s")
 INPUTS = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "time_s")
 
 
-def standardised(data: Measurements, name: str) -> Array:
-    """One input [n] to zero mean and unit spread; logarithms where it spans decades."""
+def standardised(data: Measurements, name: str, decades: bool = False) -> Array:
+    """One input [n] to zero mean and unit spread; as a logarithm where it is known, or said, to span `decades`."""
     values = data.columns[name]
     rows = data.driven if name in ("frequency_hz", "voltage_v") else data.sliding if name == "speed_m_s" else None
     rows = np.ones(data.count, bool) if rows is None else rows
-    x = np.log(np.where(rows, np.maximum(values, 1e-12), 1.0)) if name in LOG_INPUTS else values
+    x = np.log(np.where(rows, np.maximum(values, 1e-12), 1.0)) if decades or name in LOG_INPUTS else values
     x = np.where(rows, x, 0.0)
     centre, spread = x[rows].mean(), x[rows].std()
     return np.asarray(np.where(rows, (x - centre) / (spread if spread > 0 else 1.0), 0.0))

@@ -26,8 +26,8 @@ LACK_OF_FIT = 5e-4  # pilot sets: clear effects of another form reach 0.001, str
 MIMICS = PRIOR_UNKNOWN / PRIOR_EFFECTS  # of an effect's prior: something unknown that looks like it, but for its form
 PARTICULAR = 0.25  # of a nat, what each nat beyond a discrepancy of any shape says against a look-alike; pilot sets
 LIST_TELLS = 1.0 / 3.0  # of what data say of the first of a list against the rest; pilot sets, see docs/diagnosis.md
-MUCH = 0.1  # that a form is off: where that adds more than
-BENT = 2.0  # times what effects say beyond a discrepancy of any shape, they are no name; pilot sets
+BENT = 2.0  # times what effects say beyond a discrepancy of any shape: where a form that is off adds more,
+TIGHT = 16.0  # nats against a form far off make a name; pilot sets
 MENDED = 3.0  # times what a discrepancy beside an effect adds, the effect's own form says beyond any; pilot sets
 
 
@@ -122,10 +122,10 @@ def of_another_form(candidate: Candidate, base: Candidate) -> bool:
 
 
 def is_mostly_bent(candidate: Candidate, base: Candidate) -> bool:
-    """Whether effects explain most by a form that is off by much, as much else could that is smooth."""
-    alone = candidate.alone
-    own = alone.log_evidence - base.beside_discrepancy.log_evidence
-    return alone.bend >= MUCH and bool(alone.log_evidence - alone.exact > BENT * own)
+    """Whether effects explain most by a form that is off, and may be far off: much else that is smooth could."""
+    own = candidate.alone.log_evidence - base.beside_discrepancy.log_evidence
+    bent = candidate.alone.log_evidence - candidate.alone.exact
+    return bool(bent > BENT * own) and tightness(candidate) < TIGHT
 
 
 def mimic(candidate: Candidate, base: Candidate) -> float:

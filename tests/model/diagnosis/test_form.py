@@ -44,11 +44,12 @@ def size(kind: Any, x: float, answer: Callable[[Any, Array], Array]) -> Array:
         noise=SimpleNamespace(whiten=lambda v: v),
         smooth=np.ones((VOLTAGES.size, 1)),
         smooth_in_frequency=np.zeros((VOLTAGES.size, 0)),
+        smooth_in_amplitude=np.ones((VOLTAGES.size, 1)),
     )
     vector = np.zeros(len(kind.parameters()))
     vector[0] = x
     fit: Any = SimpleNamespace(kinds=(kind,), vector=vector, residual=np.zeros(VOLTAGES.size))
-    (apart,) = form_terms(problem, fit)
+    apart = form_terms(problem, fit)[0]
     return np.abs(apart[:, 0])
 
 
@@ -124,6 +125,32 @@ def test_a_strength_that_depends_on_frequency_is_seen_by_all_witnesses_alike(tmp
     assert found.alone.log_evidence > found.alone.exact + 5.0
     shifts = [np.linalg.norm(fit.vector[: len(problem.predictor.free)]) for fit in (found.fit, found.around)]
     assert shifts[1] < shifts[0]  # the finger need not make up for what the form is off
+
+
+@pytest.mark.parametrize(("bends", "way"), [(0.2, 1), (0.0, None)])
+def test_a_gain_may_depend_on_the_amplitude(tmp_path: Path, bends: float, way: int | None) -> None:
+    """Of ten gains that bend by a fifth from the volts of a spectrum to those of friction two were named."""
+    header = "frequency_hz,voltage_v,normal_force_n,cof,cof_std,current_a,electrode_voltage_v"
+    scatter = (NOISE, -NOISE) * 3
+    rows = [f"{f:.8g},5,0.5,,,{1e-6 * (1.0 + s)},{5.0 * (1.0 + s)}" for f in FREQUENCIES for s in scatter]
+    rows += [f"250,{v},0.5,{0.5 * (1.0 + s)},{0.5 * NOISE},,{v * (1.0 + s)}" for v in (75, 100, 125) for s in scatter]
+    rows += ["250,0,0.5,0.5,0.005,,"] * 4
+    path = tmp_path / "data.csv"
+    path.write_text("\n".join([header, *rows]) + "\n")
+    data = read_measurements(path)
+    noise = noise_of(data)
+    assert noise is not None
+    predictor = Predictor(REFERENCE, data)
+    vector = np.append(np.zeros(len(predictor.free)), -1.0)
+    weaker = vector * (1.0 - bends)  # the logarithm of a gain, from 1 on
+    values = np.where(
+        data.columns["voltage_v"] == 5.0, *(predictor.predicted((GAIN,), x[None])[0] for x in (weaker, vector))
+    )
+    values += noise.own_std * np.random.default_rng(5).standard_normal(values.size)
+    problem = Problem(predictor, values, noise)
+    found = candidate(problem, (GAIN,), problem.fit((GAIN,), vector))
+    assert (found.alone.way if found.alone.bend else None) == way
+    assert (found.alone.log_evidence > found.alone.exact + 5.0) is (way is not None)
 
 
 def test_a_form_that_is_not_off_is_the_exact_one(tmp_path: Path) -> None:

@@ -29,7 +29,16 @@ from model.diagnosis.several import (
     several_effects,
 )
 from model.diagnosis.verdict import SEVERAL_CERTAIN
-from model.diagnosis.weighing import DISCREPANCY_WINS, MENDED, MIMICS, PARTICULAR, Weighed, among_alike, of_its_form
+from model.diagnosis.weighing import (
+    DISCREPANCY_WINS,
+    MENDED,
+    MIMICS,
+    PARTICULAR,
+    TIGHT,
+    Weighed,
+    among_alike,
+    of_its_form,
+)
 from model.effects import BY_NAME
 
 FAR = -1000.0  # evidence of what plays no part
@@ -39,7 +48,7 @@ def made(name: str, alone: float, beside: float = FAR, rough: float = FAR, **mor
     """A candidate as far as the verdict looks at one."""
     return SimpleNamespace(
         name=name,
-        alone=SimpleNamespace(log_evidence=alone, rough=rough, exact=alone, bend=0.0),
+        alone=SimpleNamespace(log_evidence=alone, rough=rough, exact=alone),
         beside_discrepancy=SimpleNamespace(log_evidence=beside),
         **more,
     )
@@ -194,11 +203,14 @@ def test_a_name_is_not_adequate_where_the_data_refute_the_catalogues_own_form(od
     assert ("not quite the catalogue's" in said.reasons[0]) is not exact
 
 
-@pytest.mark.parametrize(("own", "bend", "sure"), [(0.51, 0.1, True), (0.49, 0.1, False), (0.49, 0.05, True)])
-def test_no_name_where_a_form_that_is_off_by_much_explains_most(own: float, bend: float, sure: bool) -> None:
-    """`own` in units of what that adds. A resonance of the screen was called trapped charge of another form."""
-    found = made("a", -10.0, fit=SimpleNamespace(vector=np.zeros(1)), kinds=(kind("a"),))
-    found.alone.exact, found.alone.bend = -10.0 - 40.0, bend
+@pytest.mark.parametrize(("own", "tight", "sure"), [(0.51, -0.1, True), (0.49, -0.1, False), (0.49, 0.1, True)])
+def test_no_name_where_a_form_that_is_off_explains_most(own: float, tight: float, sure: bool) -> None:
+    """`own` in units of what that adds, `tight` beyond what must speak against a form far off.
+
+    A resonance of the screen was called trapped charge of another form.
+    """
+    found = made("a", -10.0, rough=-10.0 - TIGHT - tight, kinds=(kind("a"),), fit=SimpleNamespace(vector=np.zeros(1)))
+    found.alone.exact = -10.0 - 40.0
     said = named(found, {"a": 0.995, "unknown": 0.005}, smooth=-10.0 - own * 40.0)
     assert (said.verdict, said.suspects) == ("effect_found" if sure else "ambiguous", ["a"])
     assert ("off by more than speaks for it" in said.reasons[0]) is not sure
