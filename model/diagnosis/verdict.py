@@ -171,9 +171,10 @@ def _name_one(weighed: Weighed, group: list[str], perhaps: list[str]) -> Verdict
     rivals = [name for name in members if name != winner.name]
     reason = "these data cannot tell the group's members apart" if certain else "no candidate is certain; ranked"
     verdict, exact = "ambiguous", of_exact_form(winner)
-    if is_mostly_bent(winner, weighed.base):
+    sure = not rivals and probabilities[winner.name] >= SURE
+    if sure and is_mostly_bent(winner, weighed.base):
         reason = MOSTLY_BENT
-    elif not rivals and probabilities[winner.name] >= SURE:
+    elif sure:
         verdict, reason = "effect_found", "probability and separation are high" + _how_unusual(winner)
     reason += "" if exact else FORM_IS_OFF
     reason += f"; perhaps {' and '.join(words(name) for name in perhaps)} as well" if perhaps else ""
@@ -192,9 +193,9 @@ def _name_beside_discrepancy(problem: Problem, weighed: Weighed, group: list[str
     left = "its form is another" if is_other_form else f"what remains is {remainder:.0%} of its signature"
     members = dict.fromkeys([*group, *needed, *_credible(probabilities)])  # what is named alone has to be probable, too
     rivals = [name for name in members if name != winner.name]
-    bent = is_mostly_bent(winner, weighed.base)
-    is_sure = not bent and remainder <= NAME_REMAINDER and probabilities[winner.name] >= SURE
-    verdict = "ambiguous" if rivals or not is_sure else "effect_found"
+    sure = not rivals and remainder <= NAME_REMAINDER and probabilities[winner.name] >= SURE
+    bent = sure and is_mostly_bent(winner, weighed.base)
+    verdict = "effect_found" if sure and not bent else "ambiguous"
     told = among_alike(probabilities, winner.name, rivals)
     reason = f"needed even beside a discrepancy of unknown shape; {MOSTLY_BENT if bent else left}"
     return Verdict(verdict, False, winner, told, {winner.name: rivals}, (reason,))

@@ -116,16 +116,19 @@ def tightness(candidate: Candidate) -> float:
 
 def of_another_form(candidate: Candidate, base: Candidate) -> bool:
     """Whether effects explain most by their own form, and a discrepancy that wins beside them only mends that."""
-    own = candidate.alone.log_evidence - base.beside_discrepancy.log_evidence
     mended = candidate.beside_discrepancy.log_evidence - candidate.alone.log_evidence
-    return beside_wins(candidate) and bool(own > MENDED * mended)
+    return beside_wins(candidate) and _own(candidate, base) > MENDED * mended
 
 
 def is_mostly_bent(candidate: Candidate, base: Candidate) -> bool:
     """Whether effects explain most by a form that is off, and may be far off: much else that is smooth could."""
-    own = candidate.alone.log_evidence - base.beside_discrepancy.log_evidence
     bent = candidate.alone.log_evidence - candidate.alone.exact
-    return bool(bent > BENT * own) and tightness(candidate) < TIGHT
+    return bent > BENT * _own(candidate, base) and tightness(candidate) < TIGHT
+
+
+def _own(candidate: Candidate, base: Candidate) -> float:
+    """What effects say by their own form, in nats, beyond a discrepancy of any shape."""
+    return candidate.alone.log_evidence - base.beside_discrepancy.log_evidence
 
 
 def mimic(candidate: Candidate, base: Candidate) -> float:
