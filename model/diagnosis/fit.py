@@ -97,14 +97,9 @@ class Problem:
         return smooth_terms(self.predictor.data)
 
     @cached_property
-    def smooth_in_frequency(self) -> Array:
-        """Smooth functions of frequency alone where there is voltage, the same for all witnesses [n, m]."""
-        return self._smooth_where_driven("frequency_hz")
-
-    @cached_property
-    def smooth_in_amplitude(self) -> Array:
-        """The same of amplitude, over its decades."""
-        return self._smooth_where_driven("voltage_v")
+    def smooth_in_drive(self) -> dict[str, Array]:
+        """Smooth functions of frequency and of amplitude where there is voltage, the same for all witnesses [n, m]."""
+        return {name: self._smooth_where_driven(name) for name in ("frequency_hz", "voltage_v")}
 
     def _smooth_where_driven(self, name: str) -> Array:
         data = self.predictor.data

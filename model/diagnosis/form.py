@@ -7,10 +7,10 @@ Each witness apart: a smooth share of the signature of unknown shape, a Gaussian
 times the signature's size. Where the signature grows faster than the effect's strength, the size is what that share of
 the strength would change, up to twice as much.
 
-All witnesses together, of what electricity does: the effect's strength depends smoothly on frequency, in amount and in
-phase, as an element's may whose circuit the catalogue does not know; what that changes follows from the model. An
-amplifier's gain depends on the amplitude as well: spectra are taken at a few volts. Other strengths that do are effects
-of their own in the catalogue.
+All witnesses together: the effect's strength depends smoothly on what it `bends_with`, in amount and in phase; what
+that changes follows from the model. On frequency, as an element's may whose circuit the catalogue does not know; an
+amplifier's gain on the amplitude as well, since spectra are taken at a few volts. Where other strengths do, the
+catalogue has an effect for that.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from model.support.arrays import Array
 
 STEP = 1e-3  # of an effect's strength
 MOST_BY_STRENGTH = 2.0  # times the signature, as of a square: what sets in suddenly could else look like much
-ELECTRICAL = ("drive", "stack", "air gap", "pressure", "load")  # stages whose effects frequency reaches
 COMPLEX = ((CURRENT, CURRENT_PHASE), (VOLTAGE, VOLTAGE_PHASE))  # of one number: what is off in either shows in both
 
 
@@ -40,16 +39,11 @@ def form_terms(problem: Problem, fit: Fit) -> list[Array]:
     apart, together = [], []
     for i, kind in enumerate(fit.kinds):
         size, change = _size_and_change(problem, fit, i, whole)
-        own = size[:, None] * problem.smooth
-        apart.append(own)
-        if kind.stage in ELECTRICAL:
-            changes = (change, _turned(problem.predictor.data, change))
-            own = np.hstack([each[:, None] * problem.smooth_in_frequency for each in changes])
-            if kind.bends_with_amplitude:
-                own = np.hstack([own, change[:, None] * problem.smooth_in_amplitude])
-        together.append(own)
-    is_electrical = any(kind.stage in ELECTRICAL for kind in fit.kinds)
-    ways = [apart, together] if is_electrical else [apart]
+        apart.append(size[:, None] * problem.smooth)
+        changes = (change, _turned(problem.predictor.data, change))
+        parts = [each[:, None] * problem.smooth_in_drive[name] for name in kind.bends_with for each in changes]
+        together.append(np.hstack(parts) if parts else apart[-1])
+    ways = [apart, together] if any(kind.bends_with for kind in fit.kinds) else [apart]
     terms = [compressed(problem.noise.whiten(np.hstack(parts))) for parts in ways if parts]
     return [term for term in terms if term.shape[1]]
 

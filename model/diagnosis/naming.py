@@ -22,6 +22,7 @@ PRIOR_EFFECTS = 1.0 - PRIOR_NONE - PRIOR_UNKNOWN  # shared by all of the catalog
 SURE = 0.95  # the probability that a name, or a group of them, must have
 STARTS = (0.0, -2.0, 1.5, -3.0)
 NEAR_NATS = 8.0  # rivals farther behind in evidence are refuted by these very data,
+SAME_PLACE_NATS = 5.0  # of those that act at one place, other forms may be each other; pilot sets: 4 at most,
 KIN_NATS = 12.0  # and farther than that where forms are not the catalogue's
 APART = 25.0  # lambda_ij from which two effects count as told apart
 ALIKE = 9.0  # below which more of the same would hardly tell them apart
@@ -99,7 +100,7 @@ def could_stand_for(rival: Candidate, best: Candidate, without: Candidate, fits:
     lead = best.alone.log_evidence - rival.alone.log_evidence
     gain = rival.alone.log_evidence - without.alone.log_evidence
     stages = {kind.stage for kind in set(best.kinds) ^ set(rival.kinds)}
-    near = lead < NEAR_NATS if fits and len(stages) == 1 else not fits and lead < KIN_NATS
+    near = lead < SAME_PLACE_NATS if fits and len(stages) == 1 else not fits and lead < KIN_NATS
     return near and gain > lead
 
 

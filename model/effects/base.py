@@ -66,7 +66,8 @@ class Effect:
 
     `needs` names the optional data columns without which the effect leaves no trace; `signature` says what it looks
     like in friction and in the electrode's voltage and current, `check` what a person can do at the rig to see
-    whether it is there. `bends_with_amplitude`: its strength may depend on the amplitude without being another effect.
+    whether it is there. `bends_with`: on what of the drive its strength may depend where the catalogue's does not,
+    without being another effect.
     """
 
     name: ClassVar[str] = "none"
@@ -76,7 +77,7 @@ class Effect:
     signature: ClassVar[str] = "residuals without structure"
     check: ClassVar[str] = "repeat the measurement"
     needs: ClassVar[tuple[str, ...]] = ()
-    bends_with_amplitude: ClassVar[bool] = False
+    bends_with: ClassVar[tuple[str, ...]] = ("frequency_hz",)
 
     @classmethod
     @cache

@@ -20,7 +20,7 @@ class DriveGainError(Effect):
         "the current scale by it too, without a phase"
     )
     check = "measure the electrode at 100 Hz with a high-impedance probe; read OUTP:LOAD?"
-    bends_with_amplitude = True  # as amplifiers' gains do
+    bends_with = ("frequency_hz", "voltage_v")
 
     gain: float = log_parameter("1", 1.0, 1.35, (0.1, 10.0), off=1.0)
 

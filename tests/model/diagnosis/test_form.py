@@ -43,8 +43,7 @@ def size(kind: Any, x: float, answer: Callable[[Any, Array], Array]) -> Array:
         predictor=predictor,
         noise=SimpleNamespace(whiten=lambda v: v),
         smooth=np.ones((VOLTAGES.size, 1)),
-        smooth_in_frequency=np.zeros((VOLTAGES.size, 0)),
-        smooth_in_amplitude=np.ones((VOLTAGES.size, 1)),
+        smooth_in_drive={name: np.zeros((VOLTAGES.size, 0)) for name in ("frequency_hz", "voltage_v")},
     )
     vector = np.zeros(len(kind.parameters()))
     vector[0] = x

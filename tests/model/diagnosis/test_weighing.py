@@ -15,6 +15,7 @@ from model.diagnosis.naming import (
     PRIOR_EFFECTS,
     PRIOR_NONE,
     PRIOR_UNKNOWN,
+    SAME_PLACE_NATS,
     SURE,
     could_stand_for,
 )
@@ -115,7 +116,7 @@ def test_a_form_that_the_data_hold_tight_speaks_against_a_discrepancy_of_any_sha
 
 @pytest.mark.parametrize("fits", [True, False])
 @pytest.mark.parametrize("other", ["amplifier_slew_limit", "load_dependent_friction"])
-@pytest.mark.parametrize("lead", [NEAR_NATS - 0.1, NEAR_NATS + 0.1, KIN_NATS - 0.1, KIN_NATS + 0.1])
+@pytest.mark.parametrize("lead", [x + d for x in (SAME_PLACE_NATS, KIN_NATS) for d in (-0.1, 0.1)])
 def test_another_form_of_a_rival_may_be_the_winner(lead: float, other: str, fits: bool) -> None:
     """Where both act at one place; and any rival, from farther off, where the winner itself is of another form.
 
@@ -123,7 +124,7 @@ def test_another_form_of_a_rival_may_be_the_winner(lead: float, other: str, fits
     """
     best = made("amplifier_bandwidth", 0.0, kinds=(BY_NAME["amplifier_bandwidth"],))
     rival, base = made(other, -lead, kinds=(BY_NAME[other],)), made("none", -90.0, kinds=())
-    near = lead < NEAR_NATS and other == "amplifier_slew_limit" if fits else lead < KIN_NATS
+    near = lead < SAME_PLACE_NATS and other == "amplifier_slew_limit" if fits else lead < KIN_NATS
     assert could_stand_for(rival, best, base, fits) is near  # type: ignore[arg-type]
     assert not could_stand_for(rival, best, made("none", -1.9 * lead), fits)  # type: ignore[arg-type]
 
