@@ -16,7 +16,6 @@ from model.diagnosis.naming import (
     NEAR_NATS,
     PRIOR_EFFECTS,
     PRIOR_UNKNOWN,
-    STARTS,
     SURE,
     Candidate,
     could_stand_for,
@@ -31,6 +30,8 @@ from model.support.arrays import Array
 Kinds = tuple[type[Effect], ...]
 MOST = 3  # effects at once
 FITTED = 6  # of those beside others: the most promising
+STRENGTHS = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)  # prior standard deviations, at which its signature is looked at
+LEAST_CHI2 = 1e-6  # of a signature: fainter ones are rounding
 ANOTHER = float(np.log(PRIOR_EFFECTS / len(CATALOGUE)))  # log prior of one more: as of the first
 ANOTHER_NATS = 3.0  # that one more effect must be worth, its prior counted; SURE has as many,
 NAMED_NATS = 5.0  # and more than what else it may be, to be named; pilot sets: none of 154 says 4, pairs 5 up
@@ -116,15 +117,15 @@ class Search:
 
     @cached_property
     def _pairs(self) -> list[Kinds]:
-        """The pairs that promise to leave least: of the leading effects, each with what has a chance beside it."""
+        """The pairs that promise most: of the leading effects, each with what has a chance beside it."""
         leaders = sorted(self.singles, key=_evidence, reverse=True)[:FITTED]
-        left: dict[Kinds, float] = {}
+        promise: dict[Kinds, float] = {}
         for c in leaders:
             for other, explained in self._likely(c.kinds).items():
                 pair = (*c.kinds, other)
-                pair = pair[::-1] if pair[::-1] in left else pair
-                left[pair] = min(c.fit.chi2 - explained, left.get(pair, np.inf))
-        return sorted(left, key=left.__getitem__)[:FITTED]
+                pair = pair[::-1] if pair[::-1] in promise else pair
+                promise[pair] = max(_evidence(c) + 0.5 * explained, promise.get(pair, -np.inf))
+        return sorted(promise, key=lambda pair: -promise[pair])[:FITTED]
 
     def _beside(self, kinds: Kinds) -> list[Candidate]:
         """Those effects with each other one beside them that has a chance."""
@@ -137,37 +138,40 @@ class Search:
     def _likely(self, kinds: Kinds) -> dict[type[Effect], float]:
         """The effects whose signatures, at their best strength, have the shape of what those in `kinds` leave.
 
-        With the chi^2 that each would explain, the most first. What their own parameters could take up does not count.
-        None that would not be worth its own prior.
+        With the chi^2 that each would explain, the most first. None that would not be worth its own prior.
         """
         key = frozenset(kinds)
         if key not in self._promising:
-            fit = self._fit(kinds).fit
-            own, _ = np.linalg.qr(fit.jacobian)
-            others = (c.kinds[0] for c in self.singles if c.kinds[0] not in kinds)
-            scores = {other: self._score(fit, own, other) for other in others}
-            worth = [other for other in scores if 0.5 * scores[other] / fit.scale2 > -ANOTHER]
+            scores = self._scores(self._fit(kinds), [c.kinds[0] for c in self.singles if c.kinds[0] not in kinds])
+            worth = [other for other in scores if 0.5 * scores[other] > -ANOTHER]
             best = sorted(worth, key=lambda other: -scores[other])[:FITTED]
             self._promising[key] = {other: scores[other] for other in best}
         return self._promising[key]
 
-    def _score(self, fit: Fit, own: Array, other: type[Effect]) -> float:
-        """How much of a fit's residual one more effect explains, in chi^2, apart from the directions `own` [n, k]."""
-        along = np.maximum(self._signatures(fit, own, other) @ fit.residual, 0.0)
-        return float(np.max(along**2))
+    def _scores(self, chosen: Candidate, others: list[type[Effect]]) -> dict[type[Effect], float]:
+        """How much of what `chosen` leaves one more effect explains, in chi^2 (score test), at its best strength.
 
-    def _signatures(self, fit: Fit, own: Array, other: type[Effect]) -> Array:
-        """What one more effect adds [m, n], apart from the directions `own` [n, k]; of unit length.
-
-        At each of STARTS, and as it is fitted alone.
+        What its parameters and what its form may be off could take up does not count, as far as their priors let them.
         """
+        fit, scale = chosen.around, chosen.alone.scale
+        left = remaining(fit, scale, chosen.bent)
+        loose = np.hstack([fit.jacobian, chosen.bent]) / scale
+        inner = loose.T @ loose + np.eye(loose.shape[1])
+        scores = {}
+        for other in others:
+            signatures = self._signatures(fit, other) / scale
+            taken_up = signatures @ loose
+            size2 = np.sum(signatures**2, axis=1) - np.sum(taken_up * np.linalg.solve(inner, taken_up.T).T, axis=1)
+            scores[other] = float(np.max(np.maximum(signatures @ left, 0.0) ** 2 / np.maximum(size2, LEAST_CHI2)))
+        return scores
+
+    def _signatures(self, fit: Fit, other: type[Effect]) -> Array:
+        """What one more effect adds [m, n], whitened: at each of STRENGTHS, and as it is fitted alone."""
         alone = self._fit((other,)).fit.vector[-len(other.parameters()) :]
-        vectors = np.zeros((len(STARTS) + 1, fit.vector.size + alone.size))
+        vectors = np.zeros((len(STRENGTHS) + 1, fit.vector.size + alone.size))
         vectors[:, : fit.vector.size] = fit.vector
-        vectors[:-1, fit.vector.size], vectors[-1, fit.vector.size :] = STARTS, alone
-        signatures = fit.residual - self.problem.whitened((*fit.kinds, other), vectors)
-        signatures -= signatures @ own @ own.T
-        return np.asarray(signatures / np.maximum(np.linalg.norm(signatures, axis=1, keepdims=True), 1e-6))
+        vectors[:-1, fit.vector.size], vectors[-1, fit.vector.size :] = STRENGTHS, alone
+        return np.asarray(fit.residual - self.problem.whitened((*fit.kinds, other), vectors))
 
     def _fit(self, kinds: Kinds) -> Candidate:
         key = frozenset(kinds)
