@@ -24,10 +24,11 @@ def force_sensor_evidence(problem: Problem, base: Candidate) -> float:
     if not data.subset(friction).varies("normal_force_n"):
         return -np.inf
     load_n = data.columns["normal_force_n"]
-    read_n = np.exp(np.where(friction, problem.observed, 0.0)) * load_n
-    shifts_n = np.stack([np.full(load_n.size, LOAD_REFERENCE_N), load_n], axis=1)
-    shown = problem.noise.whiten(np.where(friction[:, None], shifts_n / read_n[:, None], 0.0))
     fit = base.fit
+    predicted = problem.predictor.predicted((), fit.vector[None])[0]  # what is observed would bring its noise along
+    lateral_n = np.exp(np.where(friction, predicted, 0.0)) * load_n
+    shifts_n = np.stack([np.full(load_n.size, LOAD_REFERENCE_N), load_n], axis=1)
+    shown = problem.noise.whiten(np.where(friction[:, None], shifts_n / lateral_n[:, None], 0.0))
     target = fit.residual + fit.jacobian @ fit.vector
     logs = [log_marginal(target, np.hstack([fit.jacobian, share * shown]), problem.noise) for share in SHARES]
     return float(logsumexp(logs) - np.log(len(SHARES)))

@@ -49,11 +49,11 @@ def gains(problem: Problem) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(("zero_n", "share"), [(0.05, 0.0), (-0.05, 0.0), (-0.06, 0.12), (0.06, -0.12)])
-def test_the_law_is_not_certain_where_the_sensor_does_it(tmp_path: Path, zero_n: float, share: float) -> None:
+def test_the_sensor_is_certain_where_it_does_it(tmp_path: Path, zero_n: float, share: float) -> None:
     """Three of 640 blind sets were called friction that depends on load, with 0.95 to 0.99."""
     sensor, law = gains(read(tmp_path, (0.25, 0.5, 1.0), zero_n, share))
     assert law > 50.0
-    assert law - sensor < CERTAIN_NATS
+    assert sensor - law > CERTAIN_NATS
 
 
 @pytest.mark.parametrize("strength", [-1.0, 0.5, 1.0])
@@ -64,6 +64,7 @@ def test_the_law_is_certain_where_it_is_there(tmp_path: Path, strength: float) -
 
 
 def test_it_is_not_worth_its_numbers_where_it_does_nothing(tmp_path: Path) -> None:
+    """What it would add to friction as observed, noise and all, gained 80 nats on three sessions of nothing."""
     sensor, _ = gains(read(tmp_path, (0.25, 0.5, 1.0)))
     assert -5.0 < sensor < 0.0
 
