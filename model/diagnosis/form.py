@@ -40,10 +40,11 @@ def form_terms(problem: Problem, fit: Fit) -> list[Array]:
     for i, kind in enumerate(fit.kinds):
         size, change = _size_and_change(problem, fit, i, whole)
         apart.append(size[:, None] * problem.smooth)
+        smooth = [problem.smooth_in_drive[name] for name in kind.bends_with()]
         changes = (change, _turned(problem.predictor.data, change))
-        parts = [each[:, None] * problem.smooth_in_drive[name] for name in kind.bends_with for each in changes]
-        together.append(np.hstack(parts) if parts else apart[-1])
-    ways = [apart, together] if any(kind.bends_with for kind in fit.kinds) else [apart]
+        bends = [each[:, None] * of_drive for of_drive in smooth for each in changes]
+        together.append(np.hstack(bends) if bends else apart[-1])
+    ways = [apart, together] if any(kind.bends_with() for kind in fit.kinds) else [apart]
     terms = [compressed(problem.noise.whiten(np.hstack(parts))) for parts in ways if parts]
     return [term for term in terms if term.shape[1]]
 

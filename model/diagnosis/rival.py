@@ -17,6 +17,7 @@ FORM_ERRORS = (0.025, 0.05, 0.1), (0.05, 0.1, 0.2)  # of an effect's signature, 
 ROUGH = (0.2, 0.4)  # and what would have to be off for a discrepancy of unknown shape to look like one
 EXACT = 0.25  # prior of a form that is the catalogue's
 ROUNDING = 1e-11  # of squared singular values, as a share of the largest
+LEAST_CHI2 = 1e-6  # of a signature: fainter ones are rounding
 SCALES = np.exp(np.linspace(np.log(0.2), np.log(5.0), 41))  # of the noise, integrated over
 
 
@@ -129,9 +130,26 @@ def remaining(fit: Fit, scale: float, loose: Array) -> Array:
     return np.asarray((target - spread @ weights) / scale)
 
 
+def explained(fit: Fit, scale: float, loose: Array, signatures: Array) -> Array:
+    """How much of what such a model leaves each of some `signatures` [m, n] explains, in chi^2 [m]: the score test.
+
+    None where it would have to be negative. What parameters and what is loose could take up of a signature does not
+    count, as far as their priors let them.
+    """
+    target, spread, _ = _posterior(fit, scale, loose)
+    beyond = signatures - (spread @ _weights(spread, scale, signatures.T)).T
+    size2 = np.maximum(np.sum(beyond * signatures, axis=1), LEAST_CHI2)
+    return np.asarray(np.maximum(beyond @ target, 0.0) ** 2 / size2 / scale**2)
+
+
 def _posterior(fit: Fit, scale: float, loose: Array) -> tuple[Array, Array, Array]:
     """Target [n], directions [n, k] of the parameters and of what is loose, and their posterior mean weights [k]."""
     spread = np.concatenate([fit.jacobian, loose], axis=1)
     target = fit.residual + fit.jacobian @ fit.vector
+    return target, spread, _weights(spread, scale, target)
+
+
+def _weights(spread: Array, scale: float, values: Array) -> Array:
+    """Posterior mean weights [k] or [k, m] of directions [n, k] that explain `values` [n] or [n, m]."""
     inner = spread.T @ spread / scale**2 + np.eye(spread.shape[1])
-    return target, spread, np.linalg.solve(inner, spread.T @ target / scale**2)
+    return np.asarray(np.linalg.solve(inner, spread.T @ values / scale**2))

@@ -21,7 +21,7 @@ from model.diagnosis.naming import (
     could_stand_for,
     fit_candidates,
 )
-from model.diagnosis.rival import remaining
+from model.diagnosis.rival import explained, remaining
 from model.diagnosis.weighing import MIMICS, Weighed, adequate, of_another_form, of_exact_form, of_its_form
 from model.diagnosis.where import Disagreement
 from model.effects import CATALOGUE, Effect
@@ -31,7 +31,6 @@ Kinds = tuple[type[Effect], ...]
 MOST = 3  # effects at once
 FITTED = 6  # of those beside others: the most promising
 STRENGTHS = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)  # prior standard deviations, at which its signature is looked at
-LEAST_CHI2 = 1e-6  # of a signature: fainter ones are rounding
 ANOTHER = float(np.log(PRIOR_EFFECTS / len(CATALOGUE)))  # log prior of one more: as of the first
 ANOTHER_NATS = 3.0  # that one more effect must be worth, its prior counted; SURE has as many,
 NAMED_NATS = 5.0  # and more than what else it may be, to be named; pilot sets: none of 154 says 4, pairs 5 up
@@ -105,9 +104,9 @@ class Search:
         scale = chosen.alone.scale
         of_all = remaining(chosen.around, scale, chosen.bent) ** 2
         for rest in self._rests(chosen):
-            explained = np.bincount(setting, remaining(rest.around, scale, rest.bent) ** 2 - of_all)
-            total, adds = explained.sum(), _evidence(chosen) - _evidence(rest)
-            if total > 0.0 and adds * (1.0 - explained.max() / total) + ANOTHER <= ANOTHER_NATS:
+            at_each = np.bincount(setting, remaining(rest.around, scale, rest.bent) ** 2 - of_all)
+            total, adds = at_each.sum(), _evidence(chosen) - _evidence(rest)
+            if total > 0.0 and adds * (1.0 - at_each.max() / total) + ANOTHER <= ANOTHER_NATS:
                 return True
         return False
 
@@ -121,10 +120,10 @@ class Search:
         leaders = sorted(self.singles, key=_evidence, reverse=True)[:FITTED]
         promise: dict[Kinds, float] = {}
         for c in leaders:
-            for other, explained in self._likely(c.kinds).items():
+            for other, chi2 in self._likely(c.kinds).items():
                 pair = (*c.kinds, other)
                 pair = pair[::-1] if pair[::-1] in promise else pair
-                promise[pair] = max(_evidence(c) + 0.5 * explained, promise.get(pair, -np.inf))
+                promise[pair] = max(_evidence(c) + 0.5 * chi2, promise.get(pair, -np.inf))
         return sorted(promise, key=lambda pair: -promise[pair])[:FITTED]
 
     def _beside(self, kinds: Kinds) -> list[Candidate]:
@@ -142,28 +141,17 @@ class Search:
         """
         key = frozenset(kinds)
         if key not in self._promising:
-            scores = self._scores(self._fit(kinds), [c.kinds[0] for c in self.singles if c.kinds[0] not in kinds])
+            chosen, others = self._fit(kinds), (c.kinds[0] for c in self.singles if c.kinds[0] not in kinds)
+            scores = {other: self._score(chosen, other) for other in others}
             worth = [other for other in scores if 0.5 * scores[other] > -ANOTHER]
             best = sorted(worth, key=lambda other: -scores[other])[:FITTED]
             self._promising[key] = {other: scores[other] for other in best}
         return self._promising[key]
 
-    def _scores(self, chosen: Candidate, others: list[type[Effect]]) -> dict[type[Effect], float]:
-        """How much of what `chosen` leaves one more effect explains, in chi^2 (score test), at its best strength.
-
-        What its parameters and what its form may be off could take up does not count, as far as their priors let them.
-        """
-        fit, scale = chosen.around, chosen.alone.scale
-        left = remaining(fit, scale, chosen.bent)
-        loose = np.hstack([fit.jacobian, chosen.bent]) / scale
-        inner = loose.T @ loose + np.eye(loose.shape[1])
-        scores = {}
-        for other in others:
-            signatures = self._signatures(fit, other) / scale
-            taken_up = signatures @ loose
-            size2 = np.sum(signatures**2, axis=1) - np.sum(taken_up * np.linalg.solve(inner, taken_up.T).T, axis=1)
-            scores[other] = float(np.max(np.maximum(signatures @ left, 0.0) ** 2 / np.maximum(size2, LEAST_CHI2)))
-        return scores
+    def _score(self, chosen: Candidate, other: type[Effect]) -> float:
+        """How much of what `chosen` leaves one more effect explains, in chi^2, at its best strength."""
+        signatures = self._signatures(chosen.around, other)
+        return float(np.max(explained(chosen.around, chosen.alone.scale, chosen.bent, signatures)))
 
     def _signatures(self, fit: Fit, other: type[Effect]) -> Array:
         """What one more effect adds [m, n], whitened: at each of STRENGTHS, and as it is fitted alone."""

@@ -19,6 +19,7 @@ from model.touch import Branch, Contact, Drive, Friction
 
 Stage = Literal["drive", "stack", "air gap", "pressure", "load", "friction", "contact"]
 Scale = Literal["log", "linear"]
+MECHANICAL: tuple[Stage, ...] = ("friction", "contact")  # what the drive does not reach
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,7 @@ class Effect:
 
     `needs` names the optional data columns without which the effect leaves no trace; `signature` says what it looks
     like in friction and in the electrode's voltage and current, `check` what a person can do at the rig to see
-    whether it is there. `bends_with`: on what of the drive its strength may depend where the catalogue's does not,
-    without being another effect.
+    whether it is there.
     """
 
     name: ClassVar[str] = "none"
@@ -77,13 +77,17 @@ class Effect:
     signature: ClassVar[str] = "residuals without structure"
     check: ClassVar[str] = "repeat the measurement"
     needs: ClassVar[tuple[str, ...]] = ()
-    bends_with: ClassVar[tuple[str, ...]] = ("frequency_hz",)
 
     @classmethod
     @cache
     def parameters(cls) -> tuple[EffectParameter, ...]:
         """The parameters in the order of the fields."""
         return tuple(EffectParameter(f.name, **f.metadata) for f in fields(cls))
+
+    @classmethod
+    def bends_with(cls) -> tuple[str, ...]:
+        """On what of the drive its strength may depend where the catalogue's does not, without being another effect."""
+        return () if cls.stage in MECHANICAL else ("frequency_hz",)
 
     @classmethod
     def off(cls) -> Self:

@@ -19,7 +19,6 @@ class ContactAgeing(Effect):
     physics = "the contact softens, moistens or wears in over time"
     source = "finger pads on glass under occlusion, several-fold: 10.1007/s11249-011-9828-0; ranges unverified"
     signature = "friction without voltage drifts along the measurement; no trace in the current"
-    bends_with = ()
     check = "repeat the first condition at the end"
     needs = ("time_s",)
 

@@ -20,9 +20,13 @@ class DriveGainError(Effect):
         "the current scale by it too, without a phase"
     )
     check = "measure the electrode at 100 Hz with a high-impedance probe; read OUTP:LOAD?"
-    bends_with = ("frequency_hz", "voltage_v")
 
     gain: float = log_parameter("1", 1.0, 1.35, (0.1, 10.0), off=1.0)
+
+    @classmethod
+    def bends_with(cls) -> tuple[str, ...]:
+        """On the amplitude as well, as amplifiers' gains do."""
+        return ("frequency_hz", "voltage_v")
 
     def drive(self, drive: Drive) -> Drive:
         """See `Effect`."""

@@ -17,7 +17,6 @@ class LoadDependentFriction(Effect):
     physics = "the real contact area does not grow in proportion to load"
     source = "Hertz-like contacts have m = 2/3; range unverified"
     signature = "friction without voltage depends on load; no trace in the current"
-    bends_with = ()
     check = "measure friction without voltage at 0.25, 0.5 and 1 N"
 
     exponent: float = linear_parameter("1", 1.0, 0.12, (0.2, 2.0), off=1.0)

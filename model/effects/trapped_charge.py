@@ -24,10 +24,14 @@ class TrappedCharge(Effect):
         "attraction that remains without voltage; polarity of a bias matters; the current follows the pressure only"
     )
     check = "wipe the screen with a grounded damp cloth; reverse a steady voltage"
-    bends_with = ()  # it is there whatever is driven
 
     surface_voltage_v: float = log_parameter("V", 20.0, 2.5, (1e-3, 1e4), off=0.0)
     share_at_rest: float = linear_parameter("1", 0.5, 0.4, (0.0, 1.0), off=0.0)
+
+    @classmethod
+    def bends_with(cls) -> tuple[str, ...]:
+        """On nothing: it is there whatever is driven."""
+        return ()
 
     def drive(self, drive: Drive) -> Drive:
         """See `Effect`."""

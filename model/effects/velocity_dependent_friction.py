@@ -18,7 +18,6 @@ class VelocityDependentFriction(Effect):
     stage = "friction"
     physics = "skin friction is not Coulomb's in speed"
     signature = "friction without voltage depends on speed; no trace in the current"
-    bends_with = ()
     check = "measure friction without voltage at 5 and 50 mm/s"
     needs = ("speed_m_s",)
 

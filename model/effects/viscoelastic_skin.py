@@ -21,7 +21,6 @@ class ViscoelasticSkin(Effect):
     signature = (
         "less attraction at higher speed, friction without voltage unchanged; less current at higher speed, leak too"
     )
-    bends_with = ()
     check = "repeat at 5 and 50 mm/s, with and without voltage"
     needs = ("speed_m_s",)
 

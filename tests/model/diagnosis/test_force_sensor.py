@@ -6,16 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.description import read_model
-from model.diagnosis.data import read_measurements
 from model.diagnosis.fit import Problem
 from model.diagnosis.force_sensor import force_sensor_evidence
 from model.diagnosis.naming import STARTS, SURE, candidate
-from model.diagnosis.noise import noise_of
-from model.diagnosis.space import Predictor
 from model.effects import BY_NAME
 
-REFERENCE = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
+from .problems import read_rows
+
 LOAD = BY_NAME["load_dependent_friction"]
 NOISE = 0.01
 CERTAIN_NATS = np.log(SURE / (1.0 - SURE))  # of two with the same prior
@@ -27,15 +24,10 @@ def read(folder: Path, loads: tuple[float, ...], zero_n: float = 0.0, share: flo
     scatter = (NOISE, 0.0, -NOISE)  # as replicates tell
     conditions = product(loads, (0.0, 40.0, 80.0, 120.0), scatter)
     rows = [f"100,{v:g},{n:g},{0.5 * (1.0 + s):.4g},{0.5 * NOISE}" for n, v, s in conditions]
-    file = folder / "data.csv"
-    file.write_text("\n".join([HEADER, *rows]) + "\n")
-    data = read_measurements(file)
-    noise = noise_of(data)
-    assert noise is not None
-    predictor = Predictor(REFERENCE, data)
+    predictor, noise = read_rows(folder, HEADER, rows)
     vector = np.append(np.zeros(len(predictor.free)), law)
     cof = np.exp(predictor.predicted((LOAD,), vector[None])[0])
-    seen = np.log(cof + zero_n / data.columns["normal_force_n"] + share)
+    seen = np.log(cof + zero_n / predictor.data.columns["normal_force_n"] + share)
     return Problem(predictor, seen + NOISE * np.random.default_rng(3).standard_normal(seen.size), noise)
 
 

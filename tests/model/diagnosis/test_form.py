@@ -11,17 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model.description import read_model
-from model.diagnosis.data import read_measurements
 from model.diagnosis.fit import Problem
 from model.diagnosis.form import form_terms
 from model.diagnosis.naming import candidate
-from model.diagnosis.noise import noise_of
 from model.diagnosis.rival import evidence, evidence_beside
-from model.diagnosis.space import Predictor
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE
 from model.effects import BY_NAME
 from model.support.arrays import Array
+
+from .problems import read_rows
 
 VOLTAGES = np.linspace(0.0, 100.0, 9)
 NONLINEAR, GAIN = BY_NAME["skin_nonlinearity"], BY_NAME["drive_gain_error"]  # strength on a log scale,
@@ -81,7 +79,6 @@ def test_where_an_effect_does_nothing_its_form_is_not_off() -> None:
 
 
 # A resistance in series with the electrode, as friction, current and its phase see it.
-REFERENCE = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
 FREQUENCIES = np.logspace(1.0, 5.5, 19)
 RESISTANCE, NOISE, STRENGTH = BY_NAME["series_resistance"], 0.01, 2.0
 
@@ -92,12 +89,8 @@ def observed(tmp_path: Path, off: complex) -> tuple[Problem, Array]:
     scatter = (NOISE, -NOISE) * 3  # as replicates tell
     rows = [f"{f:.8g},75,0.5,0.5,{0.5 * NOISE},{1e-5 * (1.0 + s)},{1.0 + s}" for f in FREQUENCIES for s in scatter]
     rows += ["250,0,0.5,0.5,0.005,,"] * 4
-    path = tmp_path / "data.csv"
-    path.write_text("\n".join([header, *rows]) + "\n")
-    data = read_measurements(path)
-    noise = noise_of(data)
-    assert noise is not None
-    predictor = Predictor(REFERENCE, data)
+    predictor, noise = read_rows(tmp_path, header, rows)
+    data = predictor.data
     vector = np.append(np.zeros(len(predictor.free)), STRENGTH)
     values = predictor.predicted((RESISTANCE,), vector[None])[0]
     shift = 0.01  # of the logarithm of the resistance: small enough to be linear, so that a complex one is as well
@@ -134,12 +127,8 @@ def test_a_gain_may_depend_on_the_amplitude(tmp_path: Path, bends: float, way: i
     rows = [f"{f:.8g},5,0.5,,,{1e-6 * (1.0 + s)},{5.0 * (1.0 + s)}" for f in FREQUENCIES for s in scatter]
     rows += [f"250,{v},0.5,{0.5 * (1.0 + s)},{0.5 * NOISE},,{v * (1.0 + s)}" for v in (75, 100, 125) for s in scatter]
     rows += ["250,0,0.5,0.5,0.005,,"] * 4
-    path = tmp_path / "data.csv"
-    path.write_text("\n".join([header, *rows]) + "\n")
-    data = read_measurements(path)
-    noise = noise_of(data)
-    assert noise is not None
-    predictor = Predictor(REFERENCE, data)
+    predictor, noise = read_rows(tmp_path, header, rows)
+    data = predictor.data
     vector = np.append(np.zeros(len(predictor.free)), -1.0)
     weaker = vector * (1.0 - bends)  # the logarithm of a gain, from 1 on
     values = np.where(

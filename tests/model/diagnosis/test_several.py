@@ -141,4 +141,4 @@ def test_what_one_more_effect_explains_is_judged_with_all_as_loose_as_it_is(
     precision = np.linalg.inv(scale**2 * np.eye(n) + jacobian @ jacobian.T + loose @ loose.T)
     target = residual + jacobian @ vector
     expected = (direction @ precision @ target) ** 2 / (direction @ precision @ direction)
-    assert made_up._scores(chosen, [KINDS["b"]]) == {KINDS["b"]: pytest.approx(expected)}
+    assert made_up._score(chosen, KINDS["b"]) == pytest.approx(expected)

@@ -162,3 +162,9 @@ def test_without_its_form_it_is_unknown(tmp_path) -> None:
     path.write_text(f"{SHIPPED}\n[effects]\nlearned = 3\n")
     with pytest.raises(ModelError, match="learned is not a table"):
         read_model(path)
+
+
+def test_a_term_bends_with_the_drive_where_the_drive_reaches_its_place() -> None:
+    """One at friction was let off over frequency: which effects are not was said by each of them, but not by it."""
+    assert learned_kind(OVER_FREQUENCY).bends_with() == ()
+    assert learned_kind(PAIR).bends_with() == ("frequency_hz",)

@@ -1,0 +1,22 @@
+"""From rows of a file to what a made-up problem is made of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from model.description import read_model
+from model.diagnosis.data import read_measurements
+from model.diagnosis.noise import Noise, noise_of
+from model.diagnosis.space import Predictor
+
+REFERENCE = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
+
+
+def read_rows(folder: Path, header: str, rows: list[str]) -> tuple[Predictor, Noise]:
+    """The reference finger's predictor of these rows, and their noise."""
+    path = folder / "data.csv"
+    path.write_text("\n".join([header, *rows]) + "\n")
+    data = read_measurements(path)
+    noise = noise_of(data)
+    assert noise is not None
+    return Predictor(REFERENCE, data), noise
