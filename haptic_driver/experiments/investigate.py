@@ -200,11 +200,12 @@ def _next(
     else:
         chosen = design(diagnosis, possible.pool, MOST_BLOCKS, left_s, _stubborn(found), ENOUGH)
     found.history.append(_told(found, diagnosis, chosen, possible.blocks))
-    alike = [name for names in _group(diagnosis).values() for name in names] if _is_sure_of_some(diagnosis) else []
+    is_sure = _is_sure_of_some(diagnosis)
+    alike = [name for names in _group(diagnosis).values() for name in names] if is_sure else []
     if alike and not any(_can_be_told(diagnosis, name, chosen.reach[name]) for name in alike if name in chosen.reach):
         found.outcome = ALIKE_HERE
     elif not chosen.choices:
-        found.outcome = ALIKE_HERE if alike and left_s >= possible.pool.cost_s.min() else _at_the_end(diagnosis)
+        found.outcome = ALIKE_HERE if is_sure and left_s >= possible.pool.cost_s.min() else _at_the_end(diagnosis)
     if found.outcome:
         return []
     return [

@@ -117,14 +117,21 @@ class Problem:
         along, size = self._loose
         return np.asarray(white - (white @ along * (1.0 - 1.0 / np.sqrt(1.0 + size**2))) @ along.T)
 
-    def refitted(self, fit: Fit, loose: Array) -> Fit:
-        """`fit` moved to where it is most probable if predictions may be off by `loose` [n, m] as well.
+    def loosened(self, loose: Array) -> Problem:
+        """The same with predictions that may be off by `loose` [n, m] as well."""
+        return Problem(self.predictor, self.observed, self.noise, loose)
 
-        Its chi^2 and scale are of what that leaves; residuals and Jacobian are whole.
+    def whole(self, fit: Fit) -> Fit:
+        """A fit of what is loosened, about which this problem is linear: residuals and Jacobian are whole.
+
+        Its chi^2 and scale stay those of what is left.
         """
-        moved = Problem(self.predictor, self.observed, self.noise, loose).fit(fit.kinds, fit.vector)
-        residuals, jacobians = self.linearised(fit.kinds, moved.vector[None])
-        return replace(moved, residual=residuals[0], jacobian=jacobians[0])
+        residuals, jacobians = self.linearised(fit.kinds, fit.vector[None])
+        return replace(fit, residual=residuals[0], jacobian=jacobians[0])
+
+    def refitted(self, fit: Fit, loose: Array) -> Fit:
+        """`fit` moved to where it is most probable if predictions may be off by `loose` [n, m] as well."""
+        return self.whole(self.loosened(loose).fit(fit.kinds, fit.vector))
 
     def cost(self, chi2: Array | float, vectors: Array) -> Array:
         """-log posterior of parameter vectors, scale integrated out."""

@@ -27,6 +27,8 @@ KIN_NATS = 12.0  # and farther than that where forms are not the catalogue's
 APART = 25.0  # lambda_ij from which two effects count as told apart
 ALIKE = 9.0  # below which more of the same would hardly tell them apart
 TOGETHER = 4.0  # and below which they are named together, whatever one data set says
+REFITS = 4  # at most, of a model whose form is off,
+WORTH_REFITTING = 0.3  # nats, of which one must say more for another
 NO_TRACE = 2.0  # lambda below which nobody would call an effect missing: what a parameter costs by Akaike
 DRAWS = 64  # of an effect's prior: shares of it to some per cent
 NONE, UNKNOWN = "none", "unknown"
@@ -65,18 +67,25 @@ class Candidate:
         return "+".join(kind.name for kind in self.kinds) or NONE
 
 
-def candidate(problem: Problem, kinds: tuple[type[Effect], ...], fit: Fit) -> Candidate:
-    """Weigh one fitted model.
+def candidate(problem: Problem, kinds: tuple[type[Effect], ...], fit: Fit, *others: Fit) -> Candidate:
+    """Weigh one fitted model; `others`: where else its parameters may lie if its form is off.
 
-    Where its form is off, the finger and the gains are bent to make up for that in `fit`; once more where they need
-    not.
+    Where it is, the finger and the gains are bent to make up for that in `fit`; again where they need not, for as long
+    as that says more.
     """
     around, (alone, bent) = fit, _weigh(problem, fit)
-    if alone.bend:
-        again = problem.refitted(fit, bent)
-        better, its_bent = _weigh(problem, again)
-        if better.log_evidence > alone.log_evidence:
-            around, alone, bent = again, replace(better, exact=alone.exact), its_bent
+    exact = alone.exact
+    again = list(others)
+    for _ in range(REFITS):
+        again += [problem.refitted(around, bent)] if alone.bend else []
+        before = alone.log_evidence
+        for other in again:
+            better, its_bent = _weigh(problem, other)
+            if better.log_evidence > alone.log_evidence:
+                around, alone, bent = other, replace(better, exact=exact), its_bent
+        if alone.log_evidence - before < WORTH_REFITTING:
+            break
+        again = []
     noise = problem.noise
     return Candidate(
         kinds, fit, alone, around, bent, lambda: evidence_beside(around, noise, problem.discrepancy, bent, alone)
@@ -122,6 +131,15 @@ def fit_candidates(
         progress("+".join(k.name for k in kind) or NONE)
         found.append(candidate(problem, kind, problem.best_fit(kind, base.vector, STARTS)))
     return found
+
+
+def with_one_more(problem: Problem, first: Candidate, kinds: tuple[type[Effect], ...]) -> Candidate:
+    """The effects `kinds`, of which `first` has all but the last: fitted from there, with its form and as it is off."""
+    exact = problem.best_fit(kinds, first.fit.vector, STARTS)
+    if not first.bent.shape[1]:
+        return candidate(problem, kinds, exact)
+    off = problem.loosened(first.bent).best_fit(kinds, first.around.vector, STARTS)
+    return candidate(problem, kinds, exact, problem.whole(off))
 
 
 def unseen(problem: Problem, base: Candidate, kind: type[Effect]) -> float:

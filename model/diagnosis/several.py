@@ -19,7 +19,7 @@ from model.diagnosis.naming import (
     SURE,
     Candidate,
     could_stand_for,
-    fit_candidates,
+    with_one_more,
 )
 from model.diagnosis.rival import explained, remaining
 from model.diagnosis.weighing import MIMICS, Weighed, adequate, of_another_form, of_exact_form, of_its_form
@@ -165,8 +165,7 @@ class Search:
         key = frozenset(kinds)
         if key not in self._fitted:
             self.progress("+".join(kind.name for kind in kinds))
-            start = self._fit(kinds[:-1]).fit
-            self._fitted[key] = fit_candidates(self.problem, start, [kinds], lambda _: None)[0]
+            self._fitted[key] = with_one_more(self.problem, self._fit(kinds[:-1]), kinds)
         return self._fitted[key]
 
 

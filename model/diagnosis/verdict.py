@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from model.diagnosis.naming import (
     words,
 )
 from model.diagnosis.rival import discrepancy_mean
-from model.diagnosis.several import MOST_NAMED, Search, Several, is_explanation, several_effects
+from model.diagnosis.several import ANOTHER_NATS, MOST_NAMED, Search, Several, is_explanation, several_effects
 from model.diagnosis.weighing import (
     Weighed,
     adequate,
@@ -116,7 +116,7 @@ def decide(
 
     group = _alike(problem, weighed, one_fits)
     if one_fits:
-        return _name_one(weighed, group, _perhaps(search, winner))
+        return _with_a_second(search, scan, _name_one(weighed, group))
 
     if beside := _name_beside_discrepancy(problem, weighed, group):
         return beside
@@ -154,16 +154,41 @@ def _of_no_effect(weighed: Weighed, probabilities: dict[str, float]) -> Verdict 
     return None
 
 
-def _perhaps(search: Search, winner: Candidate) -> list[str]:
-    """What the data favour beside the winner, though not enough for a name."""
+def _with_a_second(search: Search, scan: Callable[[Candidate], Disagreement], one: Verdict) -> Verdict:
+    """The same, and beside it what the data favour, though not enough for a name: both are listed.
+
+    What would only mend the form of a name that is earned is no more than a word of caution; so is a place in which
+    many may stand.
+    """
+    winner = one.chosen
     more = search.best_with_one_more(winner)
-    if more is None or search.gain(more) <= 0.0:
-        return []
-    return [kind.name for kind in more.kinds if kind not in winner.kinds]
+    if more is None or winner.kinds[0] not in more.kinds or (odds := search.gain(more)) <= 0.0:
+        return one
+    at = next(i for i, kind in enumerate(more.kinds) if kind not in winner.kinds)
+    second, alike = more.kinds[at].name, search.places(more, at)
+    mends = one.verdict == "effect_found" and odds > ANOTHER_NATS and search.mends_a_form(more)
+    if mends or max(len(alike), len(one.suspects)) > MOST_ALIKE:
+        return replace(one, adequate=False, reasons=(f"{one.reasons[0]}; perhaps {words(second)} as well",))
+    there = 1.0 / (1.0 + np.exp(-odds))
+    shares = dict.fromkeys(one.probabilities, 0.0) | {name: one.probabilities[name] for name in one.suspects}
+    for name, share in alike.items():
+        shares[name] += there * share / sum(alike.values())
+    group = one.group | {second: [name for name in alike if name != second]}
+    reason = f"the data favour {words(second)} beside {words(winner.name)}, though not enough for a name"
+    fits = adequate(more, scan(more).lack_of_fit_p) and of_exact_form(more)
+    told = _shared({name: share / len(more.kinds) for name, share in shares.items()}, one.probabilities)
+    return Verdict("ambiguous", fits, more, told, group, (reason + ("" if fits else FORM_IS_OFF),))
 
 
-def _name_one(weighed: Weighed, group: list[str], perhaps: list[str]) -> Verdict:
-    """The winner, or a list that it leads, of all that is certain only together; `perhaps` stands beside it."""
+def _shared(shares: dict[str, float], probabilities: dict[str, float]) -> dict[str, float]:
+    """The shares of what is listed; what is not has the rest, in proportion to what it had, the largest first."""
+    others = {name: value for name, value in probabilities.items() if shares[name] == 0.0}
+    left = (1.0 - sum(shares.values())) / max(sum(others.values()), 1e-300)
+    return ranked({name: share or left * probabilities[name] for name, share in shares.items()})
+
+
+def _name_one(weighed: Weighed, group: list[str]) -> Verdict:
+    """The winner, or a list that it leads, of all that is certain only together."""
     winner, probabilities = weighed.winner, weighed.probabilities
     effects = _effects(probabilities)
     certain = sum(effects.values()) >= SURE
@@ -177,9 +202,8 @@ def _name_one(weighed: Weighed, group: list[str], perhaps: list[str]) -> Verdict
     elif sure:
         verdict, reason = "effect_found", "probability and separation are high" + _how_unusual(winner)
     reason += "" if exact else FORM_IS_OFF
-    reason += f"; perhaps {' and '.join(words(name) for name in perhaps)} as well" if perhaps else ""
     told = among_alike(probabilities, winner.name, rivals)
-    return Verdict(verdict, exact and not perhaps, winner, told, {winner.name: rivals}, (reason,))
+    return Verdict(verdict, exact, winner, told, {winner.name: rivals}, (reason,))
 
 
 def _name_beside_discrepancy(problem: Problem, weighed: Weighed, group: list[str]) -> Verdict | None:
@@ -258,9 +282,7 @@ def _name_several(several: Several, places: list[dict[str, float]], probabilitie
     for place in places:
         for name, share in place.items():
             shares[name] += SEVERAL_CERTAIN / len(names) * share / sum(place.values())
-    others = {name: value for name, value in probabilities.items() if shares[name] == 0.0}
-    left = (1.0 - SEVERAL_CERTAIN) / max(sum(others.values()), 1e-300)
-    updated = ranked({name: share or left * probabilities[name] for name, share in shares.items()})
+    updated = _shared(shares, probabilities)
     group = {name: [other for other in place if other != name] for name, place in zip(names, places, strict=True)}
     count = {2: "two", 3: "three"}[len(names)]
     verdict = "ambiguous"

@@ -235,13 +235,22 @@ def test_friction_comes_back_once_the_air_is_dry() -> None:
 
 
 def outcome_of_a_list(
-    monkeypatch: pytest.MonkeyPatch, none: float = 0.04, reach: float = 1.0, behind: float = 0.0, proposed: bool = False
+    monkeypatch: pytest.MonkeyPatch,
+    none: float = 0.04,
+    reach: float = 1.0,
+    behind: float = 0.0,
+    proposed: bool = False,
+    beside: bool = False,
 ) -> str:
-    """Of a list of two, of which the second is `behind` in evidence; one block takes 5 s of the hour that is left."""
+    """Of a list of two, of which the second is `behind` in evidence; one block takes 5 s of the hour that is left.
+
+    Of which either may be the one, or the second may be there `beside` the first.
+    """
     first: Any = SimpleNamespace(name="a", kinds=(SimpleNamespace(name="a"),), alone=SimpleNamespace(log_evidence=0.0))
     second = SimpleNamespace(name="b", alone=SimpleNamespace(log_evidence=-behind))
     effects = {"a": 0.6 * (1.0 - none), "b": 0.4 * (1.0 - none)}
-    verdict = Verdict("ambiguous", True, first, effects | {"none": none, "unknown": 0.0}, {"a": ["b"]}, ("why",))
+    group: dict[str, list[str]] = {"a": [], "b": []} if beside else {"a": ["b"]}
+    verdict = Verdict("ambiguous", True, first, effects | {"none": none, "unknown": 0.0}, group, ("why",))
     pool = SimpleNamespace(cost_s=np.array([5.0]))
     monkeypatch.setattr(rounds, "choices", lambda *_: SimpleNamespace(pool=pool, blocks=()))
     monkeypatch.setattr(rounds, "design", lambda *_: SimpleNamespace(choices=(1,) * proposed, reach={"b": reach}))
@@ -276,6 +285,11 @@ def test_effects_are_alike_where_all_that_is_left_to_measure_would_not_tell_them
 def test_what_no_setting_is_worth_its_time_for_is_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     """It was called a spent budget, in the first round."""
     assert outcome_of_a_list(monkeypatch, reach=11.0) == "cannot_be_told_apart"
+
+
+def test_a_second_effect_that_nothing_would_tell_does_not_spend_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has a place of its own, and no rival there."""
+    assert outcome_of_a_list(monkeypatch, beside=True) == "cannot_be_told_apart"
 
 
 def without_a_rig(monkeypatch: pytest.MonkeyPatch, out: Path, **made_up: Any) -> Investigation:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model.diagnosis.fit import Problem
+from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.form import form_terms
-from model.diagnosis.naming import candidate
+from model.diagnosis.naming import STARTS, WORTH_REFITTING, candidate, with_one_more
 from model.diagnosis.rival import evidence, evidence_beside
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE
 from model.effects import BY_NAME
@@ -156,3 +156,34 @@ def test_a_discrepancy_that_adds_nothing_changes_no_evidence(tmp_path: Path) -> 
     none = [np.zeros((found.around.residual.size, 0))]
     beside = evidence_beside(found.around, problem.noise, none, found.bent, found.alone)
     assert beside.log_evidence == pytest.approx(found.alone.log_evidence, abs=1e-6)
+
+
+def test_a_model_whose_form_is_off_is_refitted_for_as_long_as_that_says_more(tmp_path: Path) -> None:
+    """A film of sweat said 4 nats less after one refit, and a polarization beside it 8: neither was named."""
+    problem, vector = observed(tmp_path, 0.4j)
+    start = problem.fit((RESISTANCE,), vector)
+    found = candidate(problem, (RESISTANCE,), start)
+    once = evidence_of(problem, problem.refitted(start, evidence_of(problem, start)[1]))[0]
+    again = evidence_of(problem, problem.refitted(found.around, found.bent))[0]
+    assert found.alone.log_evidence > once + WORTH_REFITTING
+    assert again < found.alone.log_evidence + WORTH_REFITTING
+    assert found.alone.exact == evidence_of(problem, start)[2]
+
+
+def test_one_more_effect_is_fitted_beside_a_form_as_it_is_off(tmp_path: Path) -> None:
+    """In the exact form alone a polarization beside a film of sweat was as strong as mends the film's form best."""
+    problem, vector = observed(tmp_path, 0.6)
+    first = candidate(problem, (RESISTANCE,), problem.fit((RESISTANCE,), vector))
+    both = (RESISTANCE, GAIN)
+    exact = problem.best_fit(both, first.fit.vector, STARTS)
+    alone, found = candidate(problem, both, exact), with_one_more(problem, first, both)
+    assert found.alone.log_evidence >= alone.alone.log_evidence
+    assert found.fit.vector == pytest.approx(exact.vector)
+    assert found.alone.exact == alone.alone.exact
+
+
+def evidence_of(problem: Problem, fit: Fit) -> tuple[float, Array, float]:
+    """The evidence around a fit, what its form is off there, and the evidence of the exact form."""
+    forms = form_terms(problem, fit)
+    found = evidence(fit, problem.noise, forms)
+    return found.log_evidence, found.bend * forms[found.way], found.exact

@@ -60,12 +60,11 @@ def posterior(base: SimpleNamespace, *singles: SimpleNamespace, **more: object) 
 
 
 def named(
-    found: SimpleNamespace, said: dict[str, float], group: tuple[str, ...] = (), perhaps: tuple[str, ...] = (),
-    smooth: float = FAR,
-) -> verdict.Verdict:  # fmt: skip
+    found: SimpleNamespace, said: dict[str, float], group: tuple[str, ...] = (), smooth: float = FAR
+) -> verdict.Verdict:
     """The verdict about one effect of these probabilities; `smooth`: log evidence of a discrepancy of any shape."""
     weighed = SimpleNamespace(winner=found, base=made("none", FAR, smooth), probabilities=said)
-    return verdict._name_one(weighed, list(group), list(perhaps))  # type: ignore[arg-type]
+    return verdict._name_one(weighed, list(group))  # type: ignore[arg-type]
 
 
 def expected(**weights: float) -> object:
@@ -278,16 +277,62 @@ def test_what_could_be_another_form_of_a_listed_effect_is_listed_with_it(monkeyp
         assert verdict._alike(None, weighed, True) == listed  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("gain", "perhaps"), [(0.1, ["b"]), (-0.1, [])])
-def test_what_is_favoured_beside_a_name_but_not_enough_for_one_is_told(gain: float, perhaps: list[str]) -> None:
-    """One of two effects was named and called adequate, with the odds of 100 for the other that is no name yet."""
+def beside(
+    gain: float, said: dict[str, float], mends: bool = False, alike: tuple[str, ...] = ("b",)
+) -> verdict.Verdict:
+    """What is said of an effect `a` where the data favour `b`, or something like it, beside it by `gain`."""
     one = made("a", -10.0, kinds=(kind("a"),), fit=SimpleNamespace(vector=np.zeros(1)))
-    two = made("a+b", 0.0, kinds=(*one.kinds, kind("b")))
-    search = SimpleNamespace(best_with_one_more=lambda chosen: two, gain=lambda more: gain)
-    assert verdict._perhaps(search, one) == perhaps  # type: ignore[arg-type]
-    said = named(one, {"a": 0.99, "none": 0.01}, perhaps=tuple(perhaps))
-    assert (said.verdict, said.adequate) == ("effect_found", not perhaps)
-    assert ("perhaps b as well" in said.reasons[0]) is bool(perhaps)
+    two = made("b+a", 0.0, kinds=(kind("b"), *one.kinds))
+    search = SimpleNamespace(
+        best_with_one_more=lambda chosen: two,
+        gain=lambda more: gain,
+        mends_a_form=lambda more: mends,
+        places=lambda more, i: dict.fromkeys(alike, 1.0 / len(alike)),
+    )
+    scan = lambda found: SimpleNamespace(lack_of_fit_p=1.0)  # noqa: E731
+    return verdict._with_a_second(search, scan, named(one, said))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("gain", "listed"), [(0.1, True), (-0.1, False)])
+def test_what_is_favoured_beside_a_name_but_not_enough_for_one_is_listed_with_it(gain: float, listed: bool) -> None:
+    """One of two effects was named and called adequate, with the odds of 100 for the other that is no name yet."""
+    said = beside(gain, {"a": 0.99, "none": 0.006, "b": 0.003, "c": 0.001})
+    assert (said.verdict, said.suspects) == (("ambiguous", ["b", "a"]) if listed else ("effect_found", ["a"]))
+    if listed:
+        assert said.presence("a") == pytest.approx(0.99)
+        assert said.presence("b") == pytest.approx(1.0 / (1.0 + exp(-gain)))
+        assert sum(said.probabilities.values()) == pytest.approx(1.0)
+        assert said.probabilities["none"] == pytest.approx(6.0 * said.probabilities["c"])
+
+
+def test_what_may_stand_beside_a_name_shares_its_place() -> None:
+    said = beside(100.0, {"a": 0.98, "none": 0.01, "b": 0.005, "c": 0.005}, alike=("b", "c"))
+    assert said.group == {"a": [], "b": ["c"]}
+    assert said.presence("b") == said.presence("c") == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("gain", "mends", "alike", "name"),
+    [
+        (ANOTHER_NATS + 0.1, True, ("b",), True),
+        (ANOTHER_NATS - 0.1, True, ("b",), False),
+        (ANOTHER_NATS + 0.1, False, ("b",), False),
+        (1.0, False, ("b", "c", "d"), False),
+        (1.0, False, ("b", "c", "d", "e"), True),
+    ],
+)
+def test_a_name_stays_beside_what_would_mend_its_form_or_what_many_may_be(
+    gain: float, mends: bool, alike: tuple[str, ...], name: bool
+) -> None:
+    said = beside(gain, {"a": 0.99} | dict.fromkeys(("b", "c", "d", "e"), 0.0025), mends, alike)
+    assert said.verdict == ("effect_found" if name else "ambiguous")
+    assert not name or (said.adequate, "perhaps b as well" in said.reasons[0]) == (False, True)
+
+
+def test_a_list_is_told_with_what_would_mend_a_form_that_earns_no_name() -> None:
+    """A film of sweat of a form far off led, and the skin without which it fits nothing was a word."""
+    said = beside(ANOTHER_NATS + 20.0, {"a": 0.6, "none": 0.35, "b": 0.05}, mends=True)
+    assert said.suspects == ["b", "a"]
 
 
 @pytest.mark.parametrize(("own", "named"), [(1.01, True), (0.99, False)])
