@@ -69,10 +69,10 @@ FINGER = (
 GAP_OFFSET = Nuisance("gap_offset_m", 2.0, tail=0.01, added=3e-9)
 NUISANCES = (*FINGER, GAP_OFFSET)
 AREA = Nuisance("contact_area_m2", 0.15)
-# Leads and electrodes have 10 to 1000 pF; a model file that says how well its own is known narrows that.
+# Leads and electrodes have 10 to 1000 pF.
 STRAY = Nuisance("stray_capacitance_f", 1.5, tail=0.01, added=1e-10)
-# A finger that comes changes the field that goes past it: an open circuit tells C_stray to about 1 %, judged.
-OPEN = Nuisance("open_circuit", 0.01)
+# A finger that comes changes the field that goes past it: an open circuit tells C_stray within 1 % (two of this).
+OPEN = Nuisance("open_circuit", 0.005, tail=0.01)
 REST = Nuisance("rest_softening", 0.8, tail=0.01)
 
 
@@ -80,14 +80,18 @@ def nuisances(description: ModelDescription, data: Measurements) -> tuple[Nuisan
     """What differs between fingers and rigs, as far as these data can show it."""
     free = [*NUISANCES]
     if data.of(CURRENT).any() or data.of(CURRENT_PHASE).any():
-        own = description.parameters[STRAY.name]
-        known = own.value > 0.0 and own.std is not None and own.std > 0.0
-        free += [AREA, Nuisance(STRAY.name, own.std / own.value, tail=0.01) if known and own.std else STRAY]
+        free += [AREA, _as_known(description, STRAY)]
         if data.finger is not None and 0 < np.sum(data.finger == "none") < data.count:
-            free.append(OPEN)
+            free.append(_as_known(description, OPEN))
     if data.finger is not None and np.any(data.finger == "resting"):
         free.append(REST)
     return tuple(free)
+
+
+def _as_known(description: ModelDescription, usual: Nuisance) -> Nuisance:
+    """A parameter as well known as the model file says; as usual where it does not."""
+    own = description.parameters[usual.name]
+    return Nuisance(usual.name, own.std / own.value, tail=0.01) if own.value > 0.0 and own.std else usual
 
 
 class Predictor:

@@ -24,7 +24,8 @@ class ElectrodePolarization(Effect):
     check = "measure the impedance of the touch between 10 Hz and 1 kHz; wipe finger and screen dry"
 
     transfer_resistance_ohm_m2: float = log_parameter("ohm m^2", 30.0, 8.0, (1e-6, 1e12), off=float("inf"))
-    admittance_s_sn_per_m2: float = log_parameter("S s^n/m^2", 1e-3, 10.0, (1e-12, 1e6), off=1.0)
+    # Of the apparent area: a double layer has some 0.1 where it touches, and a finger touches with 1e-7 to 0.1 of that.
+    admittance_s_sn_per_m2: float = log_parameter("S s^n/m^2", 3e-5, 30.0, (1e-12, 1e6), off=1.0)
     exponent: float = linear_parameter("1", 0.75, 0.15, (0.3, 1.0), off=1.0)
 
     def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:

@@ -13,7 +13,7 @@ from model.diagnosis.data import Measurements, read_measurements, together
 from model.diagnosis.fit import Problem
 from model.diagnosis.noise import noise_of
 from model.diagnosis.report import write_report
-from model.diagnosis.space import AREA, NUISANCES, REST, STRAY, Predictor, nuisances
+from model.diagnosis.space import AREA, NUISANCES, OPEN, REST, STRAY, Predictor, nuisances
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, VOLTAGE, VOLTAGE_PHASE, WITNESSES
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects import BY_NAME
@@ -237,6 +237,15 @@ class TestPrediction:
         assert nuisances(FINGER, data) == (*NUISANCES, AREA, STRAY, REST)
         known = nuisances(with_stray(FINGER, STRAY_F, 3e-12), data)[len(NUISANCES) + 1]
         assert known.value(STRAY_F, np.array(1.0)) == pytest.approx(STRAY_F * np.exp(0.01), rel=1e-6)
+
+    def test_an_open_circuit_is_believed_within_a_percent_or_as_the_model_file_says(self, read) -> None:
+        """It took a polarization's current for stray, 4 % of it, and left no name for a lambda of 300 (seed 8921)."""
+        data = read("250,75,0.5,,,none,6e-5,3.1,,\n250,75,0.5,,,resting,6e-5,3.1,,")
+        usual = nuisances(FINGER, data)[-2]
+        assert (usual, usual.value(1.0, np.array(2.0))) == (OPEN, pytest.approx(1.01, rel=1e-3))
+        wider = replace(FINGER, parameters=FINGER.parameters | {"open_circuit": Parameter(1.0, "1", "", 0.03)})
+        known = nuisances(wider, data)[-2]
+        assert known.value(1.0, np.array(1.0)) == pytest.approx(1.03, rel=1e-3)
 
 
 def with_stray(finger: ModelDescription, farads: float, std: float | None = None) -> ModelDescription:
