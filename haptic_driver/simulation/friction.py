@@ -118,10 +118,12 @@ def with_hidden(model: TouchModel, hide: Mapping[str, Mapping[str, float]]) -> T
         for key in values:
             if key not in known:
                 raise BadInputError("bad_hide", f"hide: {name} has no parameter '{key}'", nearest(key, list(known)))
-        for key, p in known.items():
+        usual = BY_NAME[name].usual()
+        asked = {key: p for key, p in known.items() if key in values or key not in usual}
+        for key, p in asked.items():
             if not p.low <= values.get(key, np.nan) <= p.high:
                 what = f"hide: {name}.{key} is {values.get(key, 'missing')}"
                 raise BadInputError("bad_hide", what, f"Give a number in {p.low:g}..{p.high:g} {p.unit}")
-        hidden[name] = {key: Parameter(float(values[key]), p.unit, "hidden") for key, p in known.items()}
+        hidden[name] = {key: Parameter(float(values[key]), p.unit, "hidden") for key, p in asked.items()}
     switched_on = {**model.description.effect_parameters, **hidden}
     return TouchModel(replace(model.description, effect_parameters=switched_on)) if hide else model

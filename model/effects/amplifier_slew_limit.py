@@ -43,6 +43,9 @@ class AmplifierSlewLimit(Effect):
     The triangle turns where the falling sine crosses its peak, so that it lags by arccos(SR/(4 f V)). That holds where
     the amplifier slews all the time, SR/(2 pi f V) below 0.54; from there to 1 it slews for a part of the period, and
     follows the sine for the rest.
+
+    An input stage saturates softly: besides, V/(1 + (V/V_t)^p)^(1/p) takes the place of min(V, V_t), V_t the triangle's
+    fundamental and p the `sharpness`; what is lacking, which drives the stage, leads by a quarter period.
     """
 
     name = "amplifier_slew_limit"
@@ -55,6 +58,7 @@ class AmplifierSlewLimit(Effect):
     check = "watch the electrode on an oscilloscope: the sine turns into a triangle at high f and V"
 
     slew_rate_v_per_s: float = log_parameter("V/s", 1e7, 8.0, (1e2, 1e12), off=float("inf"))
+    sharpness: float = log_parameter("1", 10.0, 2.5, (1.0, 1e6), off=float("inf"), usual=float("inf"))
 
     def drive(self, drive: Drive) -> Drive:
         """See `Effect`."""
@@ -66,8 +70,15 @@ class AmplifierSlewLimit(Effect):
         lag_rad = np.where(
             ratio < ALL_THE_TIME, np.arccos(0.5 * np.pi * always), -np.interp(ratio, _RATIOS, np.angle(_SHARES))
         )
+        softly, more_lag_rad = self._softly(0.25 * np.pi * wanted / self.slew_rate_v_per_s)
         return replace(
             drive,
-            voltage_v=np.where(slewing, left * drive.voltage_v, drive.voltage_v),
-            voltage_phase_rad=drive.voltage_phase_rad - lag_rad,
+            voltage_v=softly * np.where(slewing, left * drive.voltage_v, drive.voltage_v),
+            voltage_phase_rad=drive.voltage_phase_rad - lag_rad - more_lag_rad,
         )
+
+    def _softly(self, over: Array) -> tuple[Array, Array]:
+        """What is left of the hard limit's amplitude at V/V_t `over`, and how much more it lags."""
+        hard = 1.0 / np.maximum(over, 1.0)
+        left = (1.0 + np.minimum(over, 1.0 / np.maximum(over, 1e-300)) ** self.sharpness) ** (-1.0 / self.sharpness)
+        return left, np.arccos(np.minimum(hard * left, 1.0)) - np.arccos(hard)

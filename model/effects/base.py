@@ -7,7 +7,7 @@ value at which the effect is off and the base model comes back.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
 from typing import Any, ClassVar, Literal, Self
 
@@ -46,9 +46,11 @@ class EffectParameter:
         return np.clip(value, self.low, self.high)
 
 
-def log_parameter(unit: str, median: float, factor: float, bounds: tuple[float, float], off: float) -> Any:
-    """A positive parameter known to a `factor` (one standard deviation)."""
-    return _parameter("log", unit, median, float(np.log(factor)), bounds, off)
+def log_parameter(
+    unit: str, median: float, factor: float, bounds: tuple[float, float], off: float, usual: Any = MISSING
+) -> Any:
+    """A positive parameter known to a `factor` (one standard deviation); `usual` where a file does not say it."""
+    return _parameter("log", unit, median, float(np.log(factor)), bounds, off, usual)
 
 
 def linear_parameter(unit: str, median: float, std: float, bounds: tuple[float, float], off: float) -> Any:
@@ -56,9 +58,11 @@ def linear_parameter(unit: str, median: float, std: float, bounds: tuple[float, 
     return _parameter("linear", unit, median, std, bounds, off)
 
 
-def _parameter(scale: Scale, unit: str, median: float, std: float, bounds: tuple[float, float], off: float) -> Any:
+def _parameter(
+    scale: Scale, unit: str, median: float, std: float, bounds: tuple[float, float], off: float, usual: Any = MISSING
+) -> Any:
     known = {"scale": scale, "unit": unit, "median": median, "std": std, "off": off}
-    return field(metadata=known | dict(zip(("low", "high"), bounds, strict=True)))
+    return field(default=usual, metadata=known | dict(zip(("low", "high"), bounds, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,11 @@ class Effect:
     def parameters(cls) -> tuple[EffectParameter, ...]:
         """The parameters in the order of the fields."""
         return tuple(EffectParameter(f.name, **f.metadata) for f in fields(cls))
+
+    @classmethod
+    def usual(cls) -> dict[str, float]:
+        """The parameters that a file need not say."""
+        return {f.name: f.default for f in fields(cls) if f.default is not MISSING}
 
     @classmethod
     def bends_with(cls) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from haptic_driver.rig.states import RigState
 from haptic_driver.simulation.friction import FrictionLaw, friction_of, with_hidden
 from hw.force.sensor import ForceReading
 from model.diagnosis.data import read_measurements
+from model.effects import BY_NAME
 from model.touch_model import TouchModel
 
 SAME_FINGER = Scatter(session_gain=0.0)
@@ -493,3 +494,10 @@ def test_a_row_whose_output_was_lost_is_not_a_row(config: RigConfig, model: Touc
     assert error.value.code == "output_lost"
     assert all(float(row["voltage_v"]) == 0.0 for row in table(tmp_path / "stalled.csv"))
     assert bench.simulated.amplifier.voltage_v == 0.0
+
+
+def test_a_hidden_effect_need_not_say_what_is_usual(model: TouchModel) -> None:
+    """A slew limit is a hard one where its sharpness is not given."""
+    hidden = with_hidden(model, {"amplifier_slew_limit": {"slew_rate_v_per_s": 1e6}})
+    (limit,) = hidden.description.effects
+    assert limit == BY_NAME["amplifier_slew_limit"](slew_rate_v_per_s=1e6)

@@ -55,11 +55,17 @@ def test_every_effect_is_read(read, effect: type[Effect]) -> None:
 
 
 @every_effect
-def test_every_parameter_must_be_given_and_in_range(read, effect: type[Effect]) -> None:
+def test_every_parameter_must_be_given_or_is_as_usual_and_in_range(read, effect: type[Effect]) -> None:
     for p in effect.parameters():
-        with pytest.raises(ModelError, match=rf"\[effects\.{effect.name}\]: {p.name} is missing") as caught:
-            read(table(effect, **{p.name: None}))
-        assert all(known.name in caught.value.hint for known in effect.parameters())
+        if p.name in effect.usual():
+            (found,) = read(table(effect, **{p.name: None})).effects
+            assert getattr(found, p.name) == effect.usual()[p.name]
+        else:
+            with pytest.raises(ModelError, match=rf"\[effects\.{effect.name}\]: {p.name} is missing") as caught:
+                read(table(effect, **{p.name: None}))
+            assert all(
+                known.name in caught.value.hint for known in effect.parameters() if known.name not in effect.usual()
+            )
         for wrong in (p.low - 0.01 * abs(p.low) - 1e-30, 1.01 * p.high):
             with pytest.raises(ModelError, match=rf"finger\.toml, \[effects\.{effect.name}\]: {p.name} = ") as caught:
                 read(table(effect, **{p.name: repr(wrong)}))

@@ -130,6 +130,25 @@ class TestAmplifierSlewLimit:
         got = prepared(touches(1.0, 1.0), limit).electrode_v[0]
         assert got == pytest.approx(fundamental, abs=5e-4)
 
+    @pytest.mark.parametrize("over", [0.1, 0.5, 1.0, 2.0, 10.0])
+    def test_what_is_lacking_of_a_soft_limit_leads_by_a_quarter_period(self, prepared, over: float) -> None:
+        """V/(1 + (V/V_t)^3)^(1/3), V_t = 20.264 V, as far as that is softer than the lesser of V and V_t."""
+        volts = over * 20.264236728467556
+        soft, hard = (BY_NAME["amplifier_slew_limit"](1e6, sharpness) for sharpness in (3.0, float("inf")))
+        got, sharp = (prepared(touches(1e4, volts), limit).electrode_v[0] for limit in (soft, hard))
+        left = (1.0 + over**3) ** (-1.0 / 3.0)  # of the sine; the hard limit leaves the lesser of 1 and 1/over
+        hard_left = min(1.0, 1.0 / over)
+        more_lag = np.arccos(left) - np.arccos(hard_left)
+        assert got == pytest.approx(sharp * left / hard_left * np.exp(-1j * more_lag), rel=1e-9)
+        if over < 0.7:  # no limit at all
+            assert sharp == volts
+
+    def test_a_sharp_limit_is_the_hard_one(self, prepared) -> None:
+        volts = np.array([0.0, 5.0, 15.0, 100.0])
+        sharp, hard = (BY_NAME["amplifier_slew_limit"](1e6, sharpness) for sharpness in (1e4, float("inf")))
+        got = prepared(touches(1e4, volts), sharp).electrode_v
+        np.testing.assert_allclose(got, prepared(touches(1e4, volts), hard).electrode_v, rtol=1e-12)
+
     def test_direct_current_is_not_limited(self, with_effects, models) -> None:
         limited = with_effects(BY_NAME["amplifier_slew_limit"](slew_rate_v_per_s=1e2))
         c = touches(1e6, 75.0, waveform="dc")
