@@ -38,6 +38,8 @@ MOST_NAMED = 2  # effects at once: of sets of three there are a thousand
 ANYTHING = "does hardly more than something unknown would in its place"  # what may be wrong with one of several,
 A_FORM = "is not needed in the catalogue's form: it may mend that of another"
 A_SETTING = "shows at a single setting"
+OFF_BY = 0.2  # of what the first explains: what adds less may be what its form is off; pilot sets: up to 0.17 was
+OFF = "adds no more than what the form of the other may be off"
 
 
 @dataclass
@@ -195,14 +197,16 @@ def several_effects(
     rivals would; beside one that does not fit, it must do more than a discrepancy of unknown shape, or be needed beside
     that as well. Either way it must do more than the first in a form far off. Where both act at one place by more, and
     by more still where their forms are not the catalogue's: another form of the one may look like the two. Effects that
-    fit and do about as much as that discrepancy are in doubt, and so is one that shows at a single setting, or that
-    mends another's form; beside a winner that fits that is none.
+    fit and do about as much as that discrepancy are in doubt, and so is one that shows at a single setting, adds little
+    to what the first explains, or mends another's form; beside a winner that fits that is none.
     """
 
     def fits(candidate: Candidate) -> bool:
         return adequate(candidate, scan(candidate).lack_of_fit_p)
 
-    def seen_once(candidate: Candidate) -> str:
+    def doubt(candidate: Candidate) -> str:
+        if search.gain(candidate) <= OFF_BY * (weighed.winner.alone.log_evidence - weighed.base.alone.log_evidence):
+            return OFF
         return A_SETTING if search.rests_on_one_setting(candidate) else ""
 
     chosen = weighed.winner
@@ -216,7 +220,7 @@ def several_effects(
         far_off = np.log(MIMICS) + chosen.alone.rough
         if one_fits:
             over = more.alone.log_evidence - max(chosen.alone.log_evidence, far_off)
-            return Several(more, fits(more), seen_once(more)) if over + ANOTHER > enough else None
+            return Several(more, fits(more), doubt(more)) if over + ANOTHER > enough else None
         best = max(more.alone.log_evidence, more.beside_discrepancy.log_evidence)
         unknown = max(np.log(PRIOR_UNKNOWN) + chosen.beside_discrepancy.log_evidence, far_off)
         odds = best + (len(more.kinds) - len(chosen.kinds)) * ANOTHER - unknown
@@ -226,7 +230,7 @@ def several_effects(
         if odds <= enough:
             return Several(chosen, fit, ANYTHING) if fit and gain > KIN_NATS else None
         if fit or of_another_form(chosen, weighed.base):
-            return Several(chosen, fit, A_FORM if mends else seen_once(chosen))
+            return Several(chosen, fit, A_FORM if mends else doubt(chosen))
     return None
 
 

@@ -26,6 +26,7 @@ from model.diagnosis.several import (
     ANOTHER_NATS,
     ANYTHING,
     NAMED_NATS,
+    OFF,
     is_explanation,
     several_effects,
 )
@@ -341,7 +342,7 @@ def test_two_effects_are_named_where_a_discrepancy_beside_them_only_mends_their_
     one = made("a", -300.0, -200.0, kinds=(kind("a", stage="drive"),))
     alone = -100.0
     two = made("a+b", alone, alone + 10.0, kinds=(kind("a", stage="drive"), kind("b", stage="contact")))
-    base = made("none", -900.0, alone - own * MENDED * 10.0)
+    base = made("none", -310.0, alone - own * MENDED * 10.0)
     search = SimpleNamespace(
         best_with_one_more=lambda chosen: two if chosen is one else None,
         gain=lambda more: 90.0,
@@ -362,7 +363,7 @@ def test_a_second_effect_that_mends_a_form_is_none_beside_one_that_fits_and_neve
     search = SimpleNamespace(
         best_with_one_more=lambda chosen: two, gain=lambda more: 90.0, mends_a_form=lambda more: True
     )
-    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
+    weighed = Weighed(made("none", -310.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, one_fits, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == (None if doubt is None else (two, True, doubt))
 
@@ -391,7 +392,7 @@ def test_two_effects_that_fit_are_certain_where_the_second_does_more_than_someth
         mends_a_form=lambda more: False,
         rests_on_one_setting=lambda found: False,
     )
-    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
+    weighed = Weighed(made("none", -310.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == (None if doubt is None else (two, True, doubt))
 
@@ -410,7 +411,7 @@ def test_beside_one_that_fits_a_second_effect_must_be_worth_more_than_a_form_tha
         mends_a_form=lambda more: False,
         rests_on_one_setting=lambda found: False,
     )
-    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
+    weighed = Weighed(made("none", -110.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, True, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == ((two, True, "") if named else None)
 
@@ -430,9 +431,26 @@ def test_a_second_effect_must_do_more_than_the_first_in_a_form_far_off(fits: boo
         mends_a_form=lambda more: False,
         rests_on_one_setting=lambda found: False,
     )
-    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
+    weighed = Weighed(made("none", -110.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, fits, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == ((two, True, "") if named else None)
+
+
+@pytest.mark.parametrize(("first", "doubt"), [(99.0, ""), (101.0, OFF)])
+@pytest.mark.parametrize("one_fits", [True, False])
+def test_what_adds_no_more_than_a_form_may_be_off_is_listed(first: float, doubt: str, one_fits: bool) -> None:
+    """A polarization of lambda 1005, of another form, was named with a moist skin beside it, for 25 nats of 148."""
+    one = made("a", -300.0, FAR if one_fits else -290.0, kinds=(kind("a", stage="drive"),))
+    two = made("a+b", -200.0, kinds=(*one.kinds, kind("b", stage="contact")))
+    search = SimpleNamespace(
+        best_with_one_more=lambda chosen: two,
+        gain=lambda more: 0.2 * 100.0,
+        mends_a_form=lambda more: False,
+        rests_on_one_setting=lambda found: False,
+    )
+    weighed = Weighed(made("none", -300.0 - first, -800.0), [one], [])  # type: ignore[arg-type, list-item]
+    found = several_effects(search, weighed, one_fits, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
+    assert found == (two, True, doubt)
 
 
 @pytest.mark.parametrize(
