@@ -104,7 +104,7 @@ def decide(
         return Verdict("no_discrepancy", True, base, probabilities, {}, ("no effect is worth its parameters",))
 
     one_fits = adequate(winner, scan(winner).lack_of_fit_p)
-    search = Search(problem, weighed.singles, progress)
+    search = Search(problem, base, weighed.singles, progress)
     several = several_effects(search, weighed, one_fits, scan)
     if several is not None and is_explanation(several, base):
         found = several.found
@@ -166,8 +166,8 @@ def _with_a_second(search: Search, scan: Callable[[Candidate], Disagreement], on
         return one
     at = next(i for i, kind in enumerate(more.kinds) if kind not in winner.kinds)
     second, alike = more.kinds[at].name, search.places(more, at)
-    mends = one.verdict == "effect_found" and odds > ANOTHER_NATS and search.mends_a_form(more)
-    if mends or max(len(alike), len(one.suspects)) > MOST_ALIKE:
+    mends = (odds > ANOTHER_NATS and search.mends_a_form(more)) or search.stands_for_a_form(more)
+    if (mends and one.verdict == "effect_found") or max(len(alike), len(one.suspects)) > MOST_ALIKE:
         return replace(one, adequate=False, reasons=(f"{one.reasons[0]}; perhaps {words(second)} as well",))
     there = 1.0 / (1.0 + np.exp(-odds))
     shares = dict.fromkeys(one.probabilities, 0.0) | {name: one.probabilities[name] for name in one.suspects}

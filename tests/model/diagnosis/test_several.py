@@ -45,7 +45,7 @@ class MadeUp(Search):
 def search(evidence: dict[str, float], promise: dict[str, dict[str, float]]) -> MadeUp:
     singles = [made(name, value) for name, value in evidence.items() if len(name) == 1]
     problem: Any = None
-    return MadeUp(problem, singles, lambda _: None).having(evidence, promise)
+    return MadeUp(problem, made("", 0.0), singles, lambda _: None).having(evidence, promise)
 
 
 def test_two_effects_are_found_behind_a_third_that_looks_like_both() -> None:
@@ -74,6 +74,27 @@ def test_an_effect_that_is_not_needed_in_its_own_form_mends_anothers(
 
     monkeypatch.setattr(made_up, "_fit", fitted)
     assert made_up.mends_a_form(fitted((KINDS["a"], KINDS["b"]))) is mends
+
+
+@pytest.mark.parametrize(("gain", "exact", "stands"), [(11.0, 15.1, True), (11.0, 14.9, False), (12.1, 40.0, False)])
+def test_what_a_form_that_is_off_says_as_well_stands_for_it(
+    monkeypatch: pytest.MonkeyPatch, gain: float, exact: float, stands: bool
+) -> None:
+    """A trapped charge of another form was listed with an electrowetting: 10 nats beside its form, 24 without.
+
+    Of a first effect that explains 60 nats; both gains count the prior of 3.6.
+    """
+    prior = -np.log(0.56 / 20)
+    made_up = search({"a": 60.0, "b": 20.0, "ab": 60.0 + prior + gain}, {})
+    in_own_form = {"a": 50.0, "b": 10.0, "ab": 50.0 + prior + exact}
+
+    def fitted(kinds: Any) -> Any:
+        found = made(letters(kinds), made_up.evidence[letters(kinds)])
+        found.alone.exact = in_own_form[letters(kinds)]
+        return found
+
+    monkeypatch.setattr(made_up, "_fit", fitted)
+    assert bool(made_up.stands_for_a_form(fitted((KINDS["a"], KINDS["b"])))) is stands
 
 
 @pytest.mark.parametrize(("elsewhere", "rests"), [(0.43, True), (0.45, False)])

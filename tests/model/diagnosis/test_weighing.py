@@ -279,7 +279,7 @@ def test_what_could_be_another_form_of_a_listed_effect_is_listed_with_it(monkeyp
 
 
 def beside(
-    gain: float, said: dict[str, float], mends: bool = False, alike: tuple[str, ...] = ("b",)
+    gain: float, said: dict[str, float], mends: bool = False, alike: tuple[str, ...] = ("b",), stands: bool = False
 ) -> verdict.Verdict:
     """What is said of an effect `a` where the data favour `b`, or something like it, beside it by `gain`."""
     one = made("a", -10.0, kinds=(kind("a"),), fit=SimpleNamespace(vector=np.zeros(1)))
@@ -288,6 +288,7 @@ def beside(
         best_with_one_more=lambda chosen: two,
         gain=lambda more: gain,
         mends_a_form=lambda more: mends,
+        stands_for_a_form=lambda more: stands,
         places=lambda more, i: dict.fromkeys(alike, 1.0 / len(alike)),
     )
     scan = lambda found: SimpleNamespace(lack_of_fit_p=1.0)  # noqa: E731
@@ -330,6 +331,11 @@ def test_a_name_stays_beside_what_would_mend_its_form_or_what_many_may_be(
     assert not name or (said.adequate, "perhaps b as well" in said.reasons[0]) == (False, True)
 
 
+def test_a_name_stays_beside_what_stands_for_a_form_that_is_off() -> None:
+    said = beside(1.0, {"a": 0.99, "none": 0.005, "b": 0.005}, stands=True)
+    assert (said.verdict, said.suspects, said.adequate) == ("effect_found", ["a"], False)
+
+
 def test_a_list_is_told_with_what_would_mend_a_form_that_earns_no_name() -> None:
     """A film of sweat of a form far off led, and the skin without which it fits nothing was a word."""
     said = beside(ANOTHER_NATS + 20.0, {"a": 0.6, "none": 0.35, "b": 0.05}, mends=True)
@@ -342,11 +348,13 @@ def test_two_effects_are_named_where_a_discrepancy_beside_them_only_mends_their_
     one = made("a", -300.0, -200.0, kinds=(kind("a", stage="drive"),))
     alone = -100.0
     two = made("a+b", alone, alone + 10.0, kinds=(kind("a", stage="drive"), kind("b", stage="contact")))
-    base = made("none", -310.0, alone - own * MENDED * 10.0)
+    base = made("none", -900.0, alone - own * MENDED * 10.0)
     search = SimpleNamespace(
         best_with_one_more=lambda chosen: two if chosen is one else None,
         gain=lambda more: 90.0,
         mends_a_form=lambda more: False,
+        adds_little=lambda more: False,
+        stands_for_a_form=lambda more: False,
         rests_on_one_setting=lambda found: False,
     )
     weighed = Weighed(base, [one], [])  # type: ignore[arg-type, list-item]
@@ -363,7 +371,7 @@ def test_a_second_effect_that_mends_a_form_is_none_beside_one_that_fits_and_neve
     search = SimpleNamespace(
         best_with_one_more=lambda chosen: two, gain=lambda more: 90.0, mends_a_form=lambda more: True
     )
-    weighed = Weighed(made("none", -310.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
+    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, one_fits, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == (None if doubt is None else (two, True, doubt))
 
@@ -390,9 +398,11 @@ def test_two_effects_that_fit_are_certain_where_the_second_does_more_than_someth
         best_with_one_more=lambda chosen: two,
         gain=lambda more: KIN_NATS + 0.1,
         mends_a_form=lambda more: False,
+        adds_little=lambda more: False,
+        stands_for_a_form=lambda more: False,
         rests_on_one_setting=lambda found: False,
     )
-    weighed = Weighed(made("none", -310.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
+    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == (None if doubt is None else (two, True, doubt))
 
@@ -409,9 +419,11 @@ def test_beside_one_that_fits_a_second_effect_must_be_worth_more_than_a_form_tha
         best_with_one_more=lambda chosen: two,
         gain=lambda more: ANOTHER_NATS + 0.1,
         mends_a_form=lambda more: False,
+        adds_little=lambda more: False,
+        stands_for_a_form=lambda more: False,
         rests_on_one_setting=lambda found: False,
     )
-    weighed = Weighed(made("none", -110.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
+    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, True, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == ((two, True, "") if named else None)
 
@@ -429,26 +441,30 @@ def test_a_second_effect_must_do_more_than_the_first_in_a_form_far_off(fits: boo
         best_with_one_more=lambda chosen: two,
         gain=lambda more: ANOTHER_NATS + 0.1,
         mends_a_form=lambda more: False,
+        adds_little=lambda more: False,
+        stands_for_a_form=lambda more: False,
         rests_on_one_setting=lambda found: False,
     )
-    weighed = Weighed(made("none", -110.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
+    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, fits, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == ((two, True, "") if named else None)
 
 
-@pytest.mark.parametrize(("first", "doubt"), [(99.0, ""), (101.0, OFF)])
+@pytest.mark.parametrize("doubt", ["", OFF])
 @pytest.mark.parametrize("one_fits", [True, False])
-def test_what_adds_no_more_than_a_form_may_be_off_is_listed(first: float, doubt: str, one_fits: bool) -> None:
+def test_what_adds_no_more_than_a_form_may_be_off_is_listed(doubt: str, one_fits: bool) -> None:
     """A polarization of lambda 1005, of another form, was named with a moist skin beside it, for 25 nats of 148."""
     one = made("a", -300.0, FAR if one_fits else -290.0, kinds=(kind("a", stage="drive"),))
     two = made("a+b", -200.0, kinds=(*one.kinds, kind("b", stage="contact")))
     search = SimpleNamespace(
         best_with_one_more=lambda chosen: two,
-        gain=lambda more: 0.2 * 100.0,
+        gain=lambda more: 90.0,
         mends_a_form=lambda more: False,
+        adds_little=lambda more: doubt == OFF,
+        stands_for_a_form=lambda more: False,
         rests_on_one_setting=lambda found: False,
     )
-    weighed = Weighed(made("none", -300.0 - first, -800.0), [one], [])  # type: ignore[arg-type, list-item]
+    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
     found = several_effects(search, weighed, one_fits, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
     assert found == (two, True, doubt)
 
