@@ -342,6 +342,26 @@ def test_a_list_is_told_with_what_would_mend_a_form_that_earns_no_name() -> None
     assert said.suspects == ["b", "a"]
 
 
+def looking(
+    one: SimpleNamespace, two: SimpleNamespace, gain: float, mends: bool = False, little: bool = False
+) -> SimpleNamespace:
+    """A search that finds `two` effects beside `one`, and no third."""
+    return SimpleNamespace(
+        best_with_one_more=lambda chosen: two if chosen is one else None,
+        gain=lambda more: gain,
+        mends_a_form=lambda more: mends,
+        adds_little=lambda more: little,
+        stands_for_a_form=lambda more: False,
+        rests_on_one_setting=lambda found: False,
+    )
+
+
+def needed(search: SimpleNamespace, one: SimpleNamespace, base: SimpleNamespace, one_fits: bool) -> object:
+    """What is needed beside `one`, where nothing that is left has a pattern."""
+    scan = SimpleNamespace(lack_of_fit_p=1.0)
+    return several_effects(search, Weighed(base, [one], []), one_fits, lambda found: scan)  # type: ignore[arg-type, list-item, return-value]
+
+
 @pytest.mark.parametrize(("own", "named"), [(1.01, True), (0.99, False)])
 def test_two_effects_are_named_where_a_discrepancy_beside_them_only_mends_their_form(own: float, named: bool) -> None:
     """As one effect is; `own` in units of what they must say beyond any. Two clear effects were unexplained."""
@@ -349,16 +369,8 @@ def test_two_effects_are_named_where_a_discrepancy_beside_them_only_mends_their_
     alone = -100.0
     two = made("a+b", alone, alone + 10.0, kinds=(kind("a", stage="drive"), kind("b", stage="contact")))
     base = made("none", -900.0, alone - own * MENDED * 10.0)
-    search = SimpleNamespace(
-        best_with_one_more=lambda chosen: two if chosen is one else None,
-        gain=lambda more: 90.0,
-        mends_a_form=lambda more: False,
-        adds_little=lambda more: False,
-        stands_for_a_form=lambda more: False,
-        rests_on_one_setting=lambda found: False,
-    )
-    weighed = Weighed(base, [one], [])  # type: ignore[arg-type, list-item]
-    found = several_effects(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
+    search = looking(one, two, 90.0)
+    found = needed(search, one, base, False)
     assert found == ((two, False, "") if named else None)
 
 
@@ -368,11 +380,8 @@ def test_a_second_effect_that_mends_a_form_is_none_beside_one_that_fits_and_neve
 ) -> None:
     one = made("a", -300.0, -200.0, kinds=(kind("a", stage="drive"),))
     two = made("a+b", -100.0, kinds=(*one.kinds, kind("b", stage="contact")))
-    search = SimpleNamespace(
-        best_with_one_more=lambda chosen: two, gain=lambda more: 90.0, mends_a_form=lambda more: True
-    )
-    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
-    found = several_effects(search, weighed, one_fits, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
+    search = looking(one, two, 90.0, mends=True)
+    found = needed(search, one, made("none", -900.0, -800.0), one_fits)
     assert found == (None if doubt is None else (two, True, doubt))
 
 
@@ -394,16 +403,8 @@ def test_two_effects_that_fit_are_certain_where_the_second_does_more_than_someth
     """
     one = made("a", -300.0, -100.0, kinds=(kind("a", stage="drive"),))
     two = made("a+b", -100.0 + log(PRIOR_UNKNOWN) - ANOTHER + odds, kinds=(*one.kinds, kind("b", stage="contact")))
-    search = SimpleNamespace(
-        best_with_one_more=lambda chosen: two,
-        gain=lambda more: KIN_NATS + 0.1,
-        mends_a_form=lambda more: False,
-        adds_little=lambda more: False,
-        stands_for_a_form=lambda more: False,
-        rests_on_one_setting=lambda found: False,
-    )
-    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
-    found = several_effects(search, weighed, False, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
+    search = looking(one, two, KIN_NATS + 0.1)
+    found = needed(search, one, made("none", -900.0, -800.0), False)
     assert found == (None if doubt is None else (two, True, doubt))
 
 
@@ -415,16 +416,8 @@ def test_beside_one_that_fits_a_second_effect_must_be_worth_more_than_a_form_tha
     """Most where it acts at the place of the first. A moist skin was given a polarization beside it, for 4 nats."""
     one = made("a", -100.0, kinds=(kind("a", stage="drive"),))
     two = made("a+b", -100.0 - ANOTHER + nats + beyond, kinds=(*one.kinds, kind("b", stage=place)))
-    search = SimpleNamespace(
-        best_with_one_more=lambda chosen: two,
-        gain=lambda more: ANOTHER_NATS + 0.1,
-        mends_a_form=lambda more: False,
-        adds_little=lambda more: False,
-        stands_for_a_form=lambda more: False,
-        rests_on_one_setting=lambda found: False,
-    )
-    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
-    found = several_effects(search, weighed, True, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
+    search = looking(one, two, ANOTHER_NATS + 0.1)
+    found = needed(search, one, made("none", -900.0, -800.0), True)
     assert found == ((two, True, "") if named else None)
 
 
@@ -437,16 +430,8 @@ def test_a_second_effect_must_do_more_than_the_first_in_a_form_far_off(fits: boo
     two = made(
         "a+b", -60.0 + log(MIMICS) - ANOTHER + NAMED_NATS + beyond, kinds=(*one.kinds, kind("b", stage="contact"))
     )
-    search = SimpleNamespace(
-        best_with_one_more=lambda chosen: two,
-        gain=lambda more: ANOTHER_NATS + 0.1,
-        mends_a_form=lambda more: False,
-        adds_little=lambda more: False,
-        stands_for_a_form=lambda more: False,
-        rests_on_one_setting=lambda found: False,
-    )
-    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
-    found = several_effects(search, weighed, fits, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
+    search = looking(one, two, ANOTHER_NATS + 0.1)
+    found = needed(search, one, made("none", -900.0, -800.0), fits)
     assert found == ((two, True, "") if named else None)
 
 
@@ -456,16 +441,8 @@ def test_what_adds_no_more_than_a_form_may_be_off_is_listed(doubt: str, one_fits
     """A polarization of lambda 1005, of another form, was named with a moist skin beside it, for 25 nats of 148."""
     one = made("a", -300.0, FAR if one_fits else -290.0, kinds=(kind("a", stage="drive"),))
     two = made("a+b", -200.0, kinds=(*one.kinds, kind("b", stage="contact")))
-    search = SimpleNamespace(
-        best_with_one_more=lambda chosen: two,
-        gain=lambda more: 90.0,
-        mends_a_form=lambda more: False,
-        adds_little=lambda more: doubt == OFF,
-        stands_for_a_form=lambda more: False,
-        rests_on_one_setting=lambda found: False,
-    )
-    weighed = Weighed(made("none", -900.0, -800.0), [one], [])  # type: ignore[arg-type, list-item]
-    found = several_effects(search, weighed, one_fits, lambda found: SimpleNamespace(lack_of_fit_p=1.0))  # type: ignore[arg-type, return-value]
+    search = looking(one, two, 90.0, little=doubt == OFF)
+    found = needed(search, one, made("none", -900.0, -800.0), one_fits)
     assert found == (two, True, doubt)
 
 
