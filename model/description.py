@@ -168,7 +168,7 @@ def _read_effects(table: Any, form: LearnedForm | None, path: Path) -> dict[str,
             raise ModelError(f"{where}: {key} is not a table", f"Give {', '.join(known or KEYS)}")
         given = {k: v for k, v in values.items() if key != LEARNED or k not in KEYS}
         _check_keys(given, list(known), f"{path}, [effects.{key}]")
-        asked = {name: spec for name, spec in known.items() if name in given or name not in kinds[key].usual()}
+        asked = {p.name: known[p.name] for p in kinds[key].asked(given)} if key in kinds else {}
         read[key] = _read_numbers(given, asked, f"{path}, [effects.{key}]")
     return read
 

@@ -114,16 +114,15 @@ def with_hidden(model: TouchModel, hide: Mapping[str, Mapping[str, float]]) -> T
     for name, values in hide.items():
         if name not in BY_NAME:
             raise BadInputError("bad_hide", f"hide: there is no effect '{name}'", nearest(name, list(BY_NAME)))
-        known = {p.name: p for p in BY_NAME[name].parameters()}
+        known = [p.name for p in BY_NAME[name].parameters()]
         for key in values:
             if key not in known:
-                raise BadInputError("bad_hide", f"hide: {name} has no parameter '{key}'", nearest(key, list(known)))
-        usual = BY_NAME[name].usual()
-        asked = {key: p for key, p in known.items() if key in values or key not in usual}
-        for key, p in asked.items():
-            if not p.low <= values.get(key, np.nan) <= p.high:
-                what = f"hide: {name}.{key} is {values.get(key, 'missing')}"
+                raise BadInputError("bad_hide", f"hide: {name} has no parameter '{key}'", nearest(key, known))
+        asked = BY_NAME[name].asked(values)
+        for p in asked:
+            if not p.low <= values.get(p.name, np.nan) <= p.high:
+                what = f"hide: {name}.{p.name} is {values.get(p.name, 'missing')}"
                 raise BadInputError("bad_hide", what, f"Give a number in {p.low:g}..{p.high:g} {p.unit}")
-        hidden[name] = {key: Parameter(float(values[key]), p.unit, "hidden") for key, p in asked.items()}
+        hidden[name] = {p.name: Parameter(float(values[p.name]), p.unit, "hidden") for p in asked}
     switched_on = {**model.description.effect_parameters, **hidden}
     return TouchModel(replace(model.description, effect_parameters=switched_on)) if hide else model

@@ -7,6 +7,7 @@ value at which the effect is off and the base model comes back.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
 from typing import Any, ClassVar, Literal, Self
@@ -92,6 +93,11 @@ class Effect:
     def usual(cls) -> dict[str, float]:
         """The parameters that a file need not say."""
         return {f.name: f.default for f in fields(cls) if f.default is not MISSING}
+
+    @classmethod
+    def asked(cls, given: Collection[str]) -> list[EffectParameter]:
+        """The parameters that a file which gives these has to say."""
+        return [p for p in cls.parameters() if p.name in given or p.name not in cls.usual()]
 
     @classmethod
     def bends_with(cls) -> tuple[str, ...]:
