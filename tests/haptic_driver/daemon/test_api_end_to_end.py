@@ -24,6 +24,7 @@ from tests.haptic_driver.commands import one_object
 from tests.waiting import HANG_S, until
 
 SCRIPT = Path(sys.executable).with_name("haptic")
+ENDED = (DaemonState.IDLE, DaemonState.FAULT)  # a machine that stands still is switched off before its lease ends
 LONG_S = 60.0  # a lease that a busy machine does not lose
 
 
@@ -130,11 +131,11 @@ def test_an_experiment_runs_stops_goes_on_and_says_what_was_felt(announced, clie
     assert "too few" in result["why_none"]
 
 
-def test_a_lost_client_ends_idle_and_off(client):
+def test_a_lost_client_ends_off(client):
     lease = client.arm(1.0)
     with suppress(HapticError):  # a busy machine may be too late even for that
         client.set(lease.token, 0.65)
-    until(lambda: client.status().state is DaemonState.IDLE)
+    until(lambda: client.status().state in ENDED)
     assert client.status().output_on is False
     with pytest.raises(RefusedError):
         client.renew(lease.token)

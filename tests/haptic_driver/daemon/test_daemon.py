@@ -31,7 +31,7 @@ from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.models import load_model
 from hw.transport.tcp import TcpTransport
 from tests.haptic_driver.daemon.refusal import refusal
-from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, until_ready
+from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, lose_the_client, until_ready
 from tests.waiting import HANG_S, exists, until
 
 RIG = "simulated"
@@ -158,10 +158,7 @@ def test_a_friction_far_out_of_reach_is_refused_with_the_range_and_nothing_comes
 
 
 def test_a_lost_client_takes_the_output_to_zero_and_the_lease_away(daemon, electrode_v):
-    lease = daemon.arm(2.0)  # a busy machine may let this test sleep
-    daemon.set_target(lease.token, 0.65)
-    keep_rendering(daemon, lease.token, lambda: electrode_v() > 10.0)
-    until(lambda: daemon.status().state is DaemonState.IDLE)
+    lease = lose_the_client(daemon, lambda: electrode_v() > 10.0)
     assert electrode_v() == 0.0
     assert refusal(daemon.renew, lease.token).code == "not_armed"
     assert "lease_lost" in daemon.status().flags

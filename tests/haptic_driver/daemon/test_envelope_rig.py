@@ -7,8 +7,7 @@ import signal
 import time
 
 from haptic_driver.daemon.messages import DaemonState
-from haptic_driver.errors import HapticError
-from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering
+from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, lose_the_client, reset
 from tests.waiting import until
 
 RIG = "simulated-envelope"
@@ -53,10 +52,7 @@ def test_it_renders_the_voltage_that_render_asks_for(daemon, history):
 
 
 def test_a_lost_client_takes_the_envelope_to_zero(daemon, history):
-    lease = daemon.arm(2.0)
-    daemon.set_target(lease.token, 0.66)
-    keep_rendering(daemon, lease.token, lambda: [v for _, v in history(time.monotonic() - 0.1) if v > 10.0])
-    until(lambda: daemon.status().state is DaemonState.IDLE)
+    lose_the_client(daemon, lambda: [v for _, v in history(time.monotonic() - 0.1) if v > 10.0])
     assert history()[-1][1] == 0.0
 
 
@@ -67,14 +63,7 @@ def test_instruments_that_die_are_a_fault_and_come_back_with_their_envelope(daem
     os.kill(daemon.pids["instruments"], signal.SIGKILL)
     until(lambda: daemon.status().state is DaemonState.FAULT)
     assert daemon.status().output_on is not True
-
-    def reset():
-        try:
-            return daemon.reset()
-        except HapticError:
-            return None
-
-    until(reset)
+    reset(daemon)
     began_s = time.monotonic()
     lease = daemon.arm(LEASE_S)
     daemon.set_target(lease.token, 0.66)

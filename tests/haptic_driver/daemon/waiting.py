@@ -1,12 +1,17 @@
-"""Waiting for the daemon: until it is ready, and under a lease that is kept meanwhile."""
+"""Waiting for the daemon: until it is ready, and under a lease that is kept, or lost, meanwhile."""
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import pytest
 
+from haptic_driver.daemon.messages import DaemonState, RefusedError
+from haptic_driver.errors import HapticError
 from tests.waiting import until
 
 LEASE_S = 60.0  # one that a busy machine does not lose
+STOOD_STILL = ("not beaten in time", "render has said nothing")  # faults of a machine that did so for half a second
 
 
 def until_ready(process):
@@ -23,3 +28,35 @@ def until_ready(process):
 def keep_rendering(daemon, token, condition):
     """Renew the lease until the condition holds."""
     return until(lambda: daemon.renew(token) and condition())
+
+
+def reset(daemon):
+    """Acknowledge a fault, as soon as its cause is gone."""
+
+    def gone():
+        try:
+            return daemon.reset()
+        except HapticError:
+            return None
+
+    until(gone, daemon.status)
+
+
+def lose_the_client(daemon, renders, lease_s=2.0):
+    """Render until `renders` holds and renew no more; the lease, once that has ended in idle.
+
+    Begun again where it ends in the fault of a machine that stood still, which is off as well, but by another's hand.
+    """
+    while True:
+        lease = daemon.arm(lease_s)
+        has_rendered = False
+        with suppress(RefusedError):  # that machine may have lost the lease before
+            daemon.set_target(lease.token, 0.65)
+            has_rendered = keep_rendering(daemon, lease.token, renders)
+        until(lambda: daemon.status().state in (DaemonState.IDLE, DaemonState.FAULT), daemon.status)
+        status = daemon.status()
+        if status.state is DaemonState.FAULT:
+            assert any(reason in status.fault for reason in STOOD_STILL), status
+            reset(daemon)
+        elif has_rendered:
+            return lease
