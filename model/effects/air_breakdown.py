@@ -24,7 +24,7 @@ class AirBreakdown(Effect):
     )
     check = "sweep the voltage: friction rises linearly at the end; look for light and a smell of ozone"
 
-    breakdown_field_v_per_m: float = log_parameter("V/m", 5e7, 3.5, (1e4, 1e12), off=float("inf"))
+    breakdown_field_v_per_m: float = log_parameter("V/m", 1e8, 3.5, (1e4, 1e12), off=float("inf"))
 
     def contact(self, contact: Contact, parameters: TouchParameters, drive: Drive) -> Contact:
         """See `Effect`."""

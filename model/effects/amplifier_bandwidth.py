@@ -29,8 +29,8 @@ class AmplifierBandwidth(Effect):
     )
     check = "measure the electrode at 1 kHz and 100 kHz with a high-impedance probe; swap the amplifier"
 
-    # Two standard deviations: from 500 Hz, of piezo amplifiers under load, to 5 MHz, which spectra still see.
-    cutoff_hz: float = log_parameter("Hz", 5e4, 10.0, (1.0, 1e9), off=float("inf"))
+    # Two standard deviations: from 500 Hz, of piezo amplifiers under load, to 80 MHz, whose phase spectra still see.
+    cutoff_hz: float = log_parameter("Hz", 2e5, 20.0, (1.0, 1e9), off=float("inf"))
     order: float = log_parameter("1", 1.3, 1.6, (0.5, 6.0), off=1.0)
 
     def drive(self, drive: Drive) -> Drive:

@@ -23,7 +23,8 @@ class SeriesResistance(Effect):
     )
     check = "measure the electrode film end to end; touch nearer to the contact of the electrode"
 
-    resistance_ohm: float = log_parameter("ohm", 2e4, 8.0, (1e-2, 1e10), off=0.0)
+    # Two standard deviations: from 90 ohm, of leads, which spectra see, to 4.5 Mohm, of a broken electrode film.
+    resistance_ohm: float = log_parameter("ohm", 2e4, 15.0, (1e-2, 1e10), off=0.0)
 
     def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:
         """See `Effect`."""

@@ -23,7 +23,7 @@ class SpeedDependentGap(Effect):
     check = "repeat at 5 and 50 mm/s"
     needs = ("speed_m_s",)
 
-    lift_m: float = log_parameter("m", 1e-6, 4.0, (1e-10, 1e-3), off=0.0)
+    lift_m: float = log_parameter("m", 4e-7, 5.0, (1e-10, 1e-3), off=0.0)
     speed_scale_m_s: float = log_parameter("m/s", 0.02, 2.5, (1e-5, 10.0), off=1.0)
 
     def contact(self, contact: Contact, parameters: TouchParameters, drive: Drive) -> Contact:

@@ -31,9 +31,10 @@ class SweatFilm(Effect):
     )
     check = "wipe the finger dry and repeat at once"
 
-    share: float = log_parameter("1", 0.03, 5.0, (1e-9, 0.95), off=0.0)
+    # A few columns in parallel with the air tell as much as a film through half of it.
+    share: float = log_parameter("1", 0.02, 8.0, (1e-9, 0.95), off=0.0)
     sweat_conductivity_s_per_m: float = log_parameter("S/m", 0.3, 4.0, (1e-6, 3.0), off=1.0)
-    arrangement: float = linear_parameter("1", 0.0, 0.7, (-1.0, 1.0), off=1.0)
+    arrangement: float = linear_parameter("1", 0.0, 1.0, (-1.0, 1.0), off=1.0)
 
     def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:
         """See `Effect`."""

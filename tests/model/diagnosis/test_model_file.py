@@ -103,8 +103,8 @@ def test_fitted_values_carry_their_error_and_their_data(finger: ModelDescription
     assert gap_offset.std == pytest.approx(gap_offset.value * 2.0 * np.cosh(0.007) * 0.2, rel=1e-12)
     assert roughness.source == "fit to d.csv, sha256 abababababababab"
     resistance = read.effect_parameters["series_resistance"]["resistance_ohm"]
-    assert resistance.value == pytest.approx(2e4 * 8.0**0.3)
-    assert resistance.std == pytest.approx(resistance.value * np.log(8.0) * 0.2)
+    assert resistance.value == pytest.approx(2e4 * 15.0**0.3)
+    assert resistance.std == pytest.approx(resistance.value * np.log(15.0) * 0.2)
     assert read.parameters["screen_modulus_pa"] == finger.parameters["screen_modulus_pa"]
 
 

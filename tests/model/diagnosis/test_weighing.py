@@ -269,7 +269,7 @@ def test_nothing_missing_is_the_verdict_where_it_is_more_probable_than_something
 def test_what_could_be_another_form_of_a_listed_effect_is_listed_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """A slew limit that sets in softly looked like a roll-off, and that like a resistance, which led."""
     names = ("series_resistance", "amplifier_bandwidth", "amplifier_slew_limit", "contact_ageing")
-    evidence = (0.0, -0.5, -4.8, -4.0)
+    evidence = (0.0, -0.5, -4.3, -3.0)
     singles = [made(n, e, kinds=(BY_NAME[n],)) for n, e in zip(names, evidence, strict=True)]
     weighed = Weighed(made("none", -40.0, kinds=()), singles, [])  # type: ignore[arg-type]
     for imitates, listed in ((4.1, []), (3.9, ["amplifier_bandwidth", "amplifier_slew_limit"])):  # 4 is together

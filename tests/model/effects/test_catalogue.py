@@ -220,6 +220,8 @@ class TestPairs:
     @pytest.mark.parametrize("pair", sorted(tuple(sorted(p)) for p in ORDERED), ids="-".join)
     def test_where_order_matters_the_catalogue_decides(self, pair, with_effects, median, unbiased) -> None:
         moved = {
+            "amplifier_bandwidth": BY_NAME["amplifier_bandwidth"](cutoff_hz=3e5, order=2.0),
+            "sweat_film": BY_NAME["sweat_film"](share=0.1, sweat_conductivity_s_per_m=1.0, arrangement=0.5),
             "amplifier_slew_limit": BY_NAME["amplifier_slew_limit"](slew_rate_v_per_s=1e5),
             "drive_gain_error": BY_NAME["drive_gain_error"](gain=2.0),
         }
