@@ -25,7 +25,7 @@ from haptic_driver.simulation.finger_function import FingerFunction
 from model.description import ModelDescription
 from model.diagnosis.data import read_measurements, together
 from model.diagnosis.design import Design, design, design_for_unseen
-from model.diagnosis.naming import ALIKE, APART, NEAR_NATS, SURE, words
+from model.diagnosis.naming import ALIKE, APART, SURE, near_nats, words
 from model.diagnosis.report import write_report
 from model.diagnosis.separation import Choice
 from model.diagnosis.workflow import Diagnosis, diagnose
@@ -240,7 +240,7 @@ def _can_be_told(diagnosis: Diagnosis, rival: str, reach: float) -> bool:
     assert diagnosis.findings is not None
     leader, singles = diagnosis.findings.verdict.chosen, diagnosis.findings.weighed.singles
     behind = leader.alone.log_evidence - max(c.alone.log_evidence for c in singles if c.name == rival)
-    return reach >= ALIKE or (len(leader.kinds) == 1 and behind + 0.5 * reach >= NEAR_NATS)
+    return reach >= ALIKE or (len(leader.kinds) == 1 and behind + 0.5 * reach >= near_nats(diagnosis.data))
 
 
 def _is_sure_of_some(diagnosis: Diagnosis) -> bool:

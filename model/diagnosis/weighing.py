@@ -10,7 +10,6 @@ from scipy.special import logsumexp
 
 from model.diagnosis.fit import Problem
 from model.diagnosis.naming import (
-    NEAR_NATS,
     NONE,
     PRIOR_EFFECTS,
     PRIOR_NONE,
@@ -18,6 +17,7 @@ from model.diagnosis.naming import (
     SURE,
     UNKNOWN,
     Candidate,
+    near_nats,
     separation,
 )
 
@@ -148,8 +148,8 @@ def of_its_form(candidate: Candidate, base: Candidate) -> bool:
 
 def confusion(problem: Problem, winner: Candidate, rivals: list[Candidate]) -> dict[str, float]:
     """min(lambda_ij, lambda_ji) of the winner with each rival that comes near it in evidence."""
-    best = winner.alone.log_evidence
-    near = [c for c in rivals if c is not winner and best - c.alone.log_evidence < NEAR_NATS]
+    last = winner.alone.log_evidence - near_nats(problem.predictor.data)
+    near = [c for c in rivals if c is not winner and c.alone.log_evidence > last]
     return {c.name: separation(problem, winner, c) for c in near}
 
 

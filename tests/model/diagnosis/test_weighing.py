@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from model.diagnosis import verdict
+from model.diagnosis import verdict, weighing
 from model.diagnosis.naming import (
     KIN_NATS,
     NEAR_NATS,
@@ -39,8 +39,10 @@ from model.diagnosis.weighing import (
     TIGHT,
     Weighed,
     among_alike,
+    confusion,
     of_its_form,
 )
+from model.diagnosis.witness import CURRENT, FRICTION
 from model.effects import BY_NAME
 
 FAR = -1000.0  # evidence of what plays no part
@@ -112,6 +114,17 @@ def test_a_form_that_the_data_hold_tight_speaks_against_a_discrepancy_of_any_sha
         none=PRIOR_NONE * exp(-90.0),
         unknown=PRIOR_UNKNOWN * exp(-10.0 - PARTICULAR * max(tight, 0.0)) + mimic,
     )
+
+
+@pytest.mark.parametrize(("witnesses", "near"), [([FRICTION], ["b", "c"]), ([FRICTION, CURRENT], ["b"])])
+def test_what_imitates_is_refuted_sooner_where_current_was_measured(
+    monkeypatch: pytest.MonkeyPatch, witnesses: list[int], near: list[str]
+) -> None:
+    """A film of sweat was listed with an electrowetting 5 nats behind, a conducting gap with a breakdown 7 behind."""
+    problem = SimpleNamespace(predictor=SimpleNamespace(data=SimpleNamespace(witnesses=witnesses)))
+    singles = [made(name, -behind) for name, behind in (("a", 0.0), ("b", 3.9), ("c", 7.9), ("d", 8.1))]
+    monkeypatch.setattr(weighing, "separation", lambda *_: 1.0)
+    assert list(confusion(problem, singles[0], singles)) == near  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("fits", [True, False])
