@@ -26,6 +26,7 @@ LACK_OF_FIT = 5e-4  # pilot sets: clear effects of another form reach 0.001, str
 MIMICS = PRIOR_UNKNOWN / PRIOR_EFFECTS  # of an effect's prior: something unknown that looks like it, but for its form
 PARTICULAR = 0.25  # of a nat, what each nat beyond a discrepancy of any shape says against a look-alike; pilot sets
 LIST_TELLS = 1.0 / 3.0  # of what data say of the first of a list against the rest; pilot sets, see docs/diagnosis.md
+HELD = 0.5  # of a nat, what each nat against a form far off says against a discrepancy of any shape; pilot sets
 BENT = 2.0  # times what effects say beyond a discrepancy of any shape: where a form that is off adds more,
 TIGHT = 16.0  # nats against a form far off make a name; pilot sets
 MENDED = 3.0  # times what a discrepancy beside an effect adds, the effect's own form says beyond any; pilot sets
@@ -63,7 +64,7 @@ class Weighed:
         each = np.log(PRIOR_EFFECTS / (len(self.singles) + len(self.untestable)))
         base, winner = self.base, self.winner
         logs = {c.name: float(each + self._seen(c)) for c in self.singles}
-        unknown = [np.log(PRIOR_UNKNOWN) + base.beside_discrepancy.log_evidence - PARTICULAR * tightness(winner)]
+        unknown = [np.log(PRIOR_UNKNOWN) + base.beside_discrepancy.log_evidence - HELD * tightness(winner)]
         unknown += [np.log(MIMICS) + each + mimic(c, base) for c in self.singles]
         unknown.append(each + self.force_sensor)
         more = np.log(PRIOR_UNKNOWN) + each + winner.beside_discrepancy.log_evidence

@@ -33,6 +33,7 @@ from model.diagnosis.several import (
 from model.diagnosis.verdict import SEVERAL_CERTAIN
 from model.diagnosis.weighing import (
     DISCREPANCY_WINS,
+    HELD,
     MENDED,
     MIMICS,
     PARTICULAR,
@@ -112,7 +113,7 @@ def test_a_form_that_the_data_hold_tight_speaks_against_a_discrepancy_of_any_sha
         a=each * exp(-10.0),
         b=0.0,
         none=PRIOR_NONE * exp(-90.0),
-        unknown=PRIOR_UNKNOWN * exp(-10.0 - PARTICULAR * max(tight, 0.0)) + mimic,
+        unknown=PRIOR_UNKNOWN * exp(-10.0 - HELD * max(tight, 0.0)) + mimic,
     )
 
 
