@@ -209,15 +209,16 @@ def several_effects(
     rivals would; beside one that does not fit, it must do more than a discrepancy of unknown shape, or be needed beside
     that as well. Either way it must do more than the first in a form far off. Where both act at one place by more, and
     by more still where their forms are not the catalogue's: another form of the one may look like the two. Effects that
-    fit and do about as much as that discrepancy are in doubt, and so is one that shows at a single setting, adds little
-    to what the first explains, or mends another's form; beside a winner that fits that is none.
+    fit and do about as much as that discrepancy are in doubt, and so is one that shows at a single setting, that mends
+    another's form (beside a winner that fits that is none), or that adds little to what the first explains and leaves a
+    form off.
     """
 
     def fits(candidate: Candidate) -> bool:
         return adequate(candidate, scan(candidate).lack_of_fit_p)
 
     def doubt(candidate: Candidate) -> str:
-        if search.adds_little(candidate):
+        if search.adds_little(candidate) and not of_exact_form(candidate):
             return OFF
         return A_SETTING if search.rests_on_one_setting(candidate) else ""
 

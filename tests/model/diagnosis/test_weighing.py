@@ -449,13 +449,16 @@ def test_a_second_effect_must_do_more_than_the_first_in_a_form_far_off(fits: boo
     assert found == ((two, True, "") if named else None)
 
 
-@pytest.mark.parametrize("doubt", ["", OFF])
+@pytest.mark.parametrize(("little", "off", "doubt"), [(True, 2.4, OFF), (True, 2.2, ""), (False, 2.4, "")])
 @pytest.mark.parametrize("one_fits", [True, False])
-def test_what_adds_no_more_than_a_form_may_be_off_is_listed(doubt: str, one_fits: bool) -> None:
+def test_what_adds_no_more_than_a_form_may_be_off_is_listed_while_one_is(
+    little: bool, off: float, doubt: str, one_fits: bool
+) -> None:
     """A polarization of lambda 1005, of another form, was named with a moist skin beside it, for 25 nats of 148."""
     one = made("a", -300.0, FAR if one_fits else -290.0, kinds=(kind("a", stage="drive"),))
     two = made("a+b", -200.0, kinds=(*one.kinds, kind("b", stage="contact")))
-    search = looking(one, two, 90.0, little=doubt == OFF)
+    two.alone.exact -= off  # nats, of which a factor of ten has 2.3
+    search = looking(one, two, 90.0, little=little)
     found = needed(search, one, made("none", -900.0, -800.0), one_fits)
     assert found == (two, True, doubt)
 
