@@ -25,6 +25,7 @@ from model.diagnosis.several import (
     ANOTHER,
     ANOTHER_NATS,
     ANYTHING,
+    FRICTION_ALONE,
     NAMED_NATS,
     OFF,
     is_explanation,
@@ -357,8 +358,9 @@ def test_a_list_is_told_with_what_would_mend_a_form_that_earns_no_name() -> None
 
 
 def looking(
-    one: SimpleNamespace, two: SimpleNamespace, gain: float, mends: bool = False, little: bool = False
-) -> SimpleNamespace:
+    one: SimpleNamespace, two: SimpleNamespace, gain: float, mends: bool = False, little: bool = False,
+    friction: bool = False,
+) -> SimpleNamespace:  # fmt: skip
     """A search that finds `two` effects beside `one`, and no third."""
     return SimpleNamespace(
         best_with_one_more=lambda chosen: two if chosen is one else None,
@@ -367,6 +369,7 @@ def looking(
         adds_little=lambda more: little,
         stands_for_a_form=lambda more: False,
         rests_on_one_setting=lambda found: False,
+        is_of_friction_alone=friction,
     )
 
 
@@ -460,6 +463,17 @@ def test_what_adds_no_more_than_a_form_may_be_off_is_listed_while_one_is(
     two.alone.exact -= off  # nats, of which a factor of ten has 2.3
     search = looking(one, two, 90.0, little=little)
     found = needed(search, one, made("none", -900.0, -800.0), one_fits)
+    assert found == (two, True, doubt)
+
+
+@pytest.mark.parametrize(("off", "doubt"), [(2.4, FRICTION_ALONE), (2.2, "")])
+@pytest.mark.parametrize("one_fits", [True, False])
+def test_two_effects_of_another_form_are_not_named_by_friction_alone(off: float, doubt: str, one_fits: bool) -> None:
+    """Sensors that resonate at a frequency, lambda 800, were named as a trapped charge with a polarization."""
+    one = made("a", -300.0, FAR if one_fits else -290.0, kinds=(kind("a", stage="drive"),))
+    two = made("a+b", -200.0, kinds=(*one.kinds, kind("b", stage="contact")))
+    two.alone.exact -= off
+    found = needed(looking(one, two, 90.0, friction=True), one, made("none", -900.0, -800.0), one_fits)
     assert found == (two, True, doubt)
 
 
