@@ -80,7 +80,8 @@ def test_where_an_effect_does_nothing_its_form_is_not_off() -> None:
 
 # A resistance in series with the electrode, as friction, current and its phase see it.
 FREQUENCIES = np.logspace(1.0, 5.5, 19)
-RESISTANCE, NOISE, STRENGTH = BY_NAME["series_resistance"], 0.01, 2.0
+RESISTANCE, NOISE = BY_NAME["series_resistance"], 0.01
+STRENGTH = float(np.log(1.28e6 / RESISTANCE.parameters()[0].median) / RESISTANCE.parameters()[0].std)  # of a worn film
 
 
 def observed(tmp_path: Path, off: complex) -> tuple[Problem, Array]:
