@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.conditions import FINGERS, WAVEFORMS, Conditions
-from model.diagnosis.witness import FRICTION, VOLTAGE, WITNESSES, Witness, observed, stated_std
+from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, VOLTAGE, WITNESSES, Witness, observed, stated_std
 from model.effects.interventions import BY_INTERVENTION, INTERVENTIONS, NOTHING
 from model.support.arrays import Array, Mask
 from model.support.errors import ModelError, nearest
@@ -91,6 +91,11 @@ class Measurements:
     def witnesses(self) -> list[int]:
         """Those that say anything."""
         return [i for i in range(len(WITNESSES)) if self.of(i).any()]
+
+    @property
+    def has_current(self) -> bool:
+        """Whether the electrode's current was measured, amount or phase."""
+        return bool(self.of(CURRENT).any() or self.of(CURRENT_PHASE).any())
 
     @property
     def observed(self) -> Array:

@@ -14,7 +14,6 @@ from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.form import form_terms
 from model.diagnosis.rival import Evidence, evidence, evidence_beside
 from model.diagnosis.space import FARTHEST
-from model.diagnosis.witness import CURRENT
 from model.effects import CATALOGUE, Effect
 from model.support.arrays import Array
 
@@ -23,7 +22,7 @@ PRIOR_EFFECTS = 1.0 - PRIOR_NONE - PRIOR_UNKNOWN  # shared by all of the catalog
 SURE = 0.95  # the probability that a name, or a group of them, must have
 STARTS = (0.0, -2.0, 1.5, -3.0)
 NEAR_NATS = 8.0  # rivals farther behind in evidence are refuted by these very data,
-NEAR_BY_CURRENT = 4.0  # and where current is among them than that: of 23 lists with such, 22 were right in the first;
+NEAR_BY_CURRENT = 4.0  # and so are these where current was measured: of 23 lists with such, 22 were right in the first;
 SAME_PLACE_NATS = 4.0  # of those that act at one place, other forms may be each other; 1120 single effects: 3 at most,
 KIN_NATS = 12.0  # and farther than that where forms are not the catalogue's
 APART = 25.0  # lambda_ij from which two effects count as told apart
@@ -106,7 +105,7 @@ def near_nats(data: Measurements) -> float:
 
     Of friction alone the prior tells more than the data where rivals imitate each other.
     """
-    return NEAR_BY_CURRENT if CURRENT in data.witnesses else NEAR_NATS
+    return NEAR_BY_CURRENT if data.has_current else NEAR_NATS
 
 
 def could_stand_for(rival: Candidate, best: Candidate, without: Candidate, fits: bool = True) -> bool:

@@ -24,7 +24,6 @@ from model.diagnosis.naming import (
 from model.diagnosis.rival import explained, remaining
 from model.diagnosis.weighing import MIMICS, Weighed, adequate, of_another_form, of_exact_form, of_its_form
 from model.diagnosis.where import Disagreement
-from model.diagnosis.witness import CURRENT
 from model.effects import CATALOGUE, Effect
 from model.support.arrays import Array
 
@@ -42,7 +41,7 @@ A_SETTING = "shows at a single setting"
 OFF_BY = 0.2  # of what the first explains: what adds less may be what its form is off; pilot sets: up to 0.17 was
 SAID_BY_FORM = 4.0  # nats; pilot sets: beside one effect of another form 4 to 33, of eleven true seconds one says more
 OFF = "adds no more than what the form of the other may be off"
-FRICTION_ALONE = "has another form than the catalogue's, and friction alone speaks for it"
+NO_CURRENT = "has another form than the catalogue's, and no current that was measured speaks for it"
 
 
 @dataclass
@@ -75,11 +74,6 @@ class Search:
                 return best
             best = better
         return None
-
-    @property
-    def is_of_friction_alone(self) -> bool:
-        """Whether no current was measured, which another form, or what is in no catalogue, would contradict."""
-        return CURRENT not in self.problem.predictor.data.witnesses
 
     def gain(self, chosen: Candidate) -> float:
         """What the least needed effect of `chosen` adds, in nats, its prior counted."""
@@ -218,17 +212,18 @@ def several_effects(
     by more still where their forms are not the catalogue's: another form of the one may look like the two. Effects that
     fit and do about as much as that discrepancy are in doubt, and so is one that shows at a single setting, that mends
     another's form (beside a winner that fits that is none), or, while a form is off, that adds little to what the first
-    explains or that friction alone speaks for.
+    explains or that no measured current speaks for.
     """
 
     def fits(candidate: Candidate) -> bool:
         return adequate(candidate, scan(candidate).lack_of_fit_p)
 
     def doubt(candidate: Candidate) -> str:
-        if not of_exact_form(candidate) and search.is_of_friction_alone:
-            return FRICTION_ALONE
-        if not of_exact_form(candidate) and search.adds_little(candidate):
-            return OFF
+        if not of_exact_form(candidate):
+            if not search.problem.predictor.data.has_current:  # which what is in no catalogue would contradict
+                return NO_CURRENT
+            if search.adds_little(candidate):
+                return OFF
         return A_SETTING if search.rests_on_one_setting(candidate) else ""
 
     chosen = weighed.winner

@@ -79,7 +79,7 @@ REST = Nuisance("rest_softening", 0.8, tail=0.01)
 def nuisances(description: ModelDescription, data: Measurements) -> tuple[Nuisance, ...]:
     """What differs between fingers and rigs, as far as these data can show it."""
     free = [*NUISANCES]
-    if data.of(CURRENT).any() or data.of(CURRENT_PHASE).any():
+    if data.has_current:
         free += [AREA, _as_known(description, STRAY)]
         if data.finger is not None and 0 < np.sum(data.finger == "none") < data.count:
             free.append(_as_known(description, OPEN))

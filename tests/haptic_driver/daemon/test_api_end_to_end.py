@@ -21,10 +21,10 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.psychophysics.data import sessions
 from haptic_driver.recording.read import read_run
 from tests.haptic_driver.commands import one_object
+from tests.haptic_driver.daemon.waiting import let_go
 from tests.waiting import HANG_S, until
 
 SCRIPT = Path(sys.executable).with_name("haptic")
-ENDED = (DaemonState.IDLE, DaemonState.FAULT)  # a machine that stands still is switched off before its lease ends
 LONG_S = 60.0  # a lease that a busy machine does not lose
 
 
@@ -135,7 +135,7 @@ def test_a_lost_client_ends_off(client):
     lease = client.arm(1.0)
     with suppress(HapticError):  # a busy machine may be too late even for that
         client.set(lease.token, 0.65)
-    until(lambda: client.status().state in ENDED)
+    let_go(client)
     assert client.status().output_on is False
     with pytest.raises(RefusedError):
         client.renew(lease.token)

@@ -20,7 +20,7 @@ from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.simulation.served import as_real
 from hw.serving.tcp import TcpServer
 from tests.haptic_driver.daemon.refusal import refusal
-from tests.haptic_driver.daemon.waiting import LEASE_S
+from tests.haptic_driver.daemon.waiting import LEASE_S, reset
 from tests.haptic_driver.stand_ins import living_rig
 from tests.hw.analog.simulated_analog_output import SimulatedAnalogOutput
 from tests.hw.testing.faulty_net_ft import FaultyNetFt, RdtFault
@@ -169,7 +169,7 @@ def test_a_generator_that_goes_is_a_fault_and_one_that_comes_back_renders_again(
     assert refusal(daemon.arm, 1.0).code == "fault"
     served.instruments.generator_server = TcpServer(served.generator, server.port)
     served.instruments.generator_server.start()
-    until(lambda: _reset(daemon))
+    reset(daemon)
     render(daemon, served)
     daemon.off()
     assert served.amplifier.voltage_v == 0.0
@@ -190,13 +190,6 @@ def render(daemon, served):
     until(there, daemon.status)
 
 
-def _reset(daemon):
-    try:
-        return daemon.status().state is DaemonState.IDLE or daemon.reset()
-    except RefusedError:
-        return None
-
-
 def test_sensors_that_fall_silent_are_connected_anew(daemon, served, monkeypatch):
     monkeypatch.setattr(supervision, "RETRY_S", 0.1)
     before = daemon.supervisor.instruments
@@ -208,7 +201,7 @@ def test_sensors_that_fall_silent_are_connected_anew(daemon, served, monkeypatch
     assert refusal(daemon.reset).code == "cause_remains"
     served.instruments.force_box.heal()
     until(lambda: daemon.supervisor.instruments is not None)
-    until(lambda: _reset(daemon))
+    reset(daemon)
     assert daemon.supervisor.instruments is not before
     assert daemon.status().output_on is False
     # The finger pressed meanwhile: once its load became the sensor's zero, and nothing was rendered any more.
@@ -221,5 +214,5 @@ def test_a_watchdog_that_dies_is_started_again(daemon):
     before = daemon.pids["watchdog"]
     daemon.supervisor.instruments.devices.watchdog._process.kill()
     until(lambda: daemon.status().state is DaemonState.FAULT)
-    until(lambda: _reset(daemon))
+    reset(daemon)
     assert daemon.pids["watchdog"] != before

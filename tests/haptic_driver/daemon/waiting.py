@@ -33,30 +33,33 @@ def keep_rendering(daemon, token, condition):
 def reset(daemon):
     """Acknowledge a fault, as soon as its cause is gone."""
 
-    def gone():
-        try:
-            return daemon.reset()
-        except HapticError:
-            return None
+    def is_idle():
+        with suppress(HapticError):
+            return daemon.status().state is DaemonState.IDLE or daemon.reset()
 
-    until(gone, daemon.status)
+    until(is_idle, daemon.status)
 
 
-def lose_the_client(daemon, renders, lease_s=2.0):
+def let_go(daemon):
+    """The status once a lease has ended: in idle, or in the fault of a machine that stood still, which is off too."""
+    until(lambda: daemon.status().state in (DaemonState.IDLE, DaemonState.FAULT), daemon.status)
+    status = daemon.status()
+    assert status.state is DaemonState.IDLE or any(reason in status.fault for reason in STOOD_STILL), status
+    return status
+
+
+def lose_the_client(daemon, renders):
     """Render until `renders` holds and renew no more; the lease, once that has ended in idle.
 
-    Begun again where it ends in the fault of a machine that stood still, which is off as well, but by another's hand.
+    Begun again where a machine that stood still ended it: off by another's hand.
     """
     while True:
-        lease = daemon.arm(lease_s)
+        lease = daemon.arm(2.0)
         has_rendered = False
         with suppress(RefusedError):  # that machine may have lost the lease before
             daemon.set_target(lease.token, 0.65)
             has_rendered = keep_rendering(daemon, lease.token, renders)
-        until(lambda: daemon.status().state in (DaemonState.IDLE, DaemonState.FAULT), daemon.status)
-        status = daemon.status()
-        if status.state is DaemonState.FAULT:
-            assert any(reason in status.fault for reason in STOOD_STILL), status
+        if let_go(daemon).state is DaemonState.FAULT:
             reset(daemon)
         elif has_rendered:
             return lease

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,7 +24,6 @@ from model.conditions import Conditions
 from model.diagnosis.design import Design
 from model.diagnosis.separation import Choice
 from model.diagnosis.verdict import Verdict
-from model.diagnosis.witness import CURRENT, FRICTION
 from model.effects import BY_NAME
 from model.effects.interventions import INTERVENTIONS
 from model.touch_model import TouchModel
@@ -243,7 +241,7 @@ def outcome_of_a_list(
     behind: float = 0.0,
     proposed: bool = False,
     beside: bool = False,
-    witnesses: Sequence[int] = (FRICTION,),
+    has_current: bool = False,
 ) -> str:
     """Of a list of two, of which the second is `behind` in evidence; one block takes 5 s of the hour that is left.
 
@@ -262,7 +260,7 @@ def outcome_of_a_list(
     subject: Any = SimpleNamespace(config=None, plan=SimpleNamespace(model_copy=lambda update: None))
     weighed = SimpleNamespace(untestable=[], singles=[first, second])
     findings = SimpleNamespace(verdict=verdict, weighed=weighed)
-    diagnosis: Any = SimpleNamespace(name="ambiguous", findings=findings, data=SimpleNamespace(witnesses=witnesses))
+    diagnosis: Any = SimpleNamespace(name="ambiguous", findings=findings, data=SimpleNamespace(has_current=has_current))
     found, model = Investigation(rounds=1), SimpleNamespace()
     assert rounds._next(subject, model, diagnosis, found, (), Budget()) == []  # type: ignore[arg-type]
     return found.outcome
@@ -277,17 +275,17 @@ def test_effects_are_not_called_alike_while_perhaps_nothing_is_missing(
 
 
 @pytest.mark.parametrize(
-    ("reach", "behind", "witnesses", "outcome"),
+    ("reach", "behind", "has_current", "outcome"),
     [
-        (8.9, 3.5, [FRICTION], "cannot_be_told_apart"), (9.1, 0.0, [FRICTION], ""), (5.0, 5.6, [FRICTION], ""),
-        (5.0, 1.4, [FRICTION, CURRENT], "cannot_be_told_apart"), (5.0, 1.6, [FRICTION, CURRENT], ""),
+        (8.9, 3.5, False, "cannot_be_told_apart"), (9.1, 0.0, False, ""), (5.0, 5.6, False, ""),
+        (5.0, 1.4, True, "cannot_be_told_apart"), (5.0, 1.6, True, ""),
     ],
 )  # fmt: skip
 def test_effects_are_alike_where_all_that_is_left_to_measure_would_not_tell_them(
-    monkeypatch: pytest.MonkeyPatch, reach: float, behind: float, witnesses: list[int], outcome: str
+    monkeypatch: pytest.MonkeyPatch, reach: float, behind: float, has_current: bool, outcome: str
 ) -> None:
     """A floating body was given up with a film of sweat a fifth of a nat short of being refuted."""
-    assert outcome_of_a_list(monkeypatch, reach=reach, behind=behind, proposed=True, witnesses=witnesses) == outcome
+    assert outcome_of_a_list(monkeypatch, reach=reach, behind=behind, proposed=True, has_current=has_current) == outcome
 
 
 def test_what_no_setting_is_worth_its_time_for_is_alike(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,8 +25,8 @@ from model.diagnosis.several import (
     ANOTHER,
     ANOTHER_NATS,
     ANYTHING,
-    FRICTION_ALONE,
     NAMED_NATS,
+    NO_CURRENT,
     OFF,
     is_explanation,
     several_effects,
@@ -44,7 +44,6 @@ from model.diagnosis.weighing import (
     confusion,
     of_its_form,
 )
-from model.diagnosis.witness import CURRENT, FRICTION
 from model.effects import BY_NAME
 
 FAR = -1000.0  # evidence of what plays no part
@@ -118,15 +117,14 @@ def test_a_form_that_the_data_hold_tight_speaks_against_a_discrepancy_of_any_sha
     )
 
 
-@pytest.mark.parametrize(("witnesses", "near"), [([FRICTION], ["b", "c"]), ([FRICTION, CURRENT], ["b"])])
+@pytest.mark.parametrize(("has_current", "near"), [(False, ["b", "c"]), (True, ["b"])])
 def test_what_imitates_is_refuted_sooner_where_current_was_measured(
-    monkeypatch: pytest.MonkeyPatch, witnesses: list[int], near: list[str]
+    monkeypatch: pytest.MonkeyPatch, has_current: bool, near: list[str]
 ) -> None:
     """A film of sweat was listed with an electrowetting 5 nats behind, a conducting gap with a breakdown 7 behind."""
-    problem = SimpleNamespace(predictor=SimpleNamespace(data=SimpleNamespace(witnesses=witnesses)))
     singles = [made(name, -behind) for name, behind in (("a", 0.0), ("b", 3.9), ("c", 7.9), ("d", 8.1))]
     monkeypatch.setattr(weighing, "separation", lambda *_: 1.0)
-    assert list(confusion(problem, singles[0], singles)) == near  # type: ignore[arg-type]
+    assert list(confusion(measured(has_current), singles[0], singles)) == near  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("fits", [True, False])
@@ -357,9 +355,14 @@ def test_a_list_is_told_with_what_would_mend_a_form_that_earns_no_name() -> None
     assert said.suspects == ["b", "a"]
 
 
+def measured(has_current: bool) -> SimpleNamespace:
+    """A problem of data with current, or without."""
+    return SimpleNamespace(predictor=SimpleNamespace(data=SimpleNamespace(has_current=has_current)))
+
+
 def looking(
     one: SimpleNamespace, two: SimpleNamespace, gain: float, mends: bool = False, little: bool = False,
-    friction: bool = False,
+    has_current: bool = True,
 ) -> SimpleNamespace:  # fmt: skip
     """A search that finds `two` effects beside `one`, and no third."""
     return SimpleNamespace(
@@ -369,7 +372,7 @@ def looking(
         adds_little=lambda more: little,
         stands_for_a_form=lambda more: False,
         rests_on_one_setting=lambda found: False,
-        is_of_friction_alone=friction,
+        problem=measured(has_current),
     )
 
 
@@ -466,14 +469,14 @@ def test_what_adds_no_more_than_a_form_may_be_off_is_listed_while_one_is(
     assert found == (two, True, doubt)
 
 
-@pytest.mark.parametrize(("off", "doubt"), [(2.4, FRICTION_ALONE), (2.2, "")])
+@pytest.mark.parametrize(("off", "doubt"), [(2.4, NO_CURRENT), (2.2, "")])
 @pytest.mark.parametrize("one_fits", [True, False])
-def test_two_effects_of_another_form_are_not_named_by_friction_alone(off: float, doubt: str, one_fits: bool) -> None:
+def test_two_effects_of_another_form_are_not_named_without_current(off: float, doubt: str, one_fits: bool) -> None:
     """Sensors that resonate at a frequency, lambda 800, were named as a trapped charge with a polarization."""
     one = made("a", -300.0, FAR if one_fits else -290.0, kinds=(kind("a", stage="drive"),))
     two = made("a+b", -200.0, kinds=(*one.kinds, kind("b", stage="contact")))
     two.alone.exact -= off
-    found = needed(looking(one, two, 90.0, friction=True), one, made("none", -900.0, -800.0), one_fits)
+    found = needed(looking(one, two, 90.0, has_current=False), one, made("none", -900.0, -800.0), one_fits)
     assert found == (two, True, doubt)
 
 
