@@ -9,7 +9,8 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from benchmarks.claim import Claim, seconds
-from haptic_driver.render.controller import INITIAL, POLICIES, Controller, ControllerSettings
+from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
+from haptic_driver.render.policies import POLICIES
 from haptic_driver.render.surface import NO_CAPS, Surface, cof_at, invert
 from haptic_driver.rig.config import load_rig
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction

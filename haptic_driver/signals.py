@@ -6,17 +6,13 @@ All SI floats with the unit in the name; `voltage_v` is always the peak amplitud
 from __future__ import annotations
 
 from math import nan
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-Policy = Literal["max_authority", "min_voltage", "min_current", "fixed_frequency", "carrier"]
-"""What the controller chooses frequencies for."""
-POLICIES: tuple[Policy, ...] = get_args(Policy)
 
 WITHIN = 0.05  # of the friction asked for: what counts as rendered
 SLIDING_M_S = 0.002  # below, a finger rests and kinetic friction is not defined

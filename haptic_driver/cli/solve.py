@@ -14,9 +14,10 @@ from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdou
 from haptic_driver.errors import BadInputError, HapticError, require_range
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
+from haptic_driver.render.policies import POLICIES
 from haptic_driver.render.safety import violation
 from haptic_driver.rig.config import load_rig
-from haptic_driver.signals import NO_COMMAND, POLICIES, FingerState, OperatingPoint, Policy, TargetFriction
+from haptic_driver.signals import NO_COMMAND, FingerState, OperatingPoint, TargetFriction
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.file import SurfaceFile, cof_interval_at, read_surface, ready_for_lookup
 from haptic_driver.surface.models import load_model
@@ -126,16 +127,16 @@ def _frequency(text: str) -> float | None:
     return value
 
 
-def _policy(name: str | None, fixed_hz: float | None, default: Policy) -> Policy:
+def _policy(name: str | None, fixed_hz: float | None, default: str) -> str:
     if name is None:
         return default if fixed_hz is None else "fixed_frequency"
-    for policy in POLICIES:
-        if policy == name:
-            if fixed_hz is not None and policy != "fixed_frequency":
-                said = f"policy {policy} chooses the frequency itself"
-                raise BadInputError("bad_policy", said, "Leave --frequency auto")
-            return policy
-    raise BadInputError("bad_policy", f"there is no policy '{name}'", nearest(name, list(POLICIES)))
+    if name not in POLICIES:
+        said = f"there is no policy '{name}'"
+        raise BadInputError("bad_policy", said, nearest(name, list(POLICIES)))
+    if fixed_hz is not None and name != "fixed_frequency":
+        said = f"policy {name} chooses the frequency itself"
+        raise BadInputError("bad_policy", said, "Leave --frequency auto")
+    return name
 
 
 def _electrostatic_force_n(file: SurfaceFile, cof: float, normal_force_n: float) -> float:

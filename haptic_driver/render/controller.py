@@ -1,7 +1,7 @@
 """Target friction -> operating point: which frequency, then which voltage.
 
-A policy names what the frequency is chosen for; the voltage then follows from the surface. The force pulses at twice
-the carrier, so no policy but `fixed_frequency` goes below `lowest_carrier_hz`.
+A policy (`policies.py`) says how the frequency is chosen; the voltage then follows from the surface. The force pulses
+at twice the carrier, so no policy but `fixed_frequency` goes below `lowest_carrier_hz`.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import typed
 
-from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render import feedback
+from haptic_driver.render.choice import Choice
 from haptic_driver.render.compiled import kernel, laid_out
 from haptic_driver.render.correction import NO_CORRECTION, Correction, Factors, factors_at
 from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains, InForce
+from haptic_driver.render.policies import chosen_by
 from haptic_driver.render.surface import (
     NO_CAPS,
     Caps,
@@ -36,58 +37,40 @@ from haptic_driver.render.surface import (
     locate,
     place_of,
 )
-from haptic_driver.signals import POLICIES, Array, DriveCommand, FingerState, OperatingPoint, Policy, TargetFriction
+from haptic_driver.signals import Array, DriveCommand, FingerState, OperatingPoint, TargetFriction
 
-MERIT_AUTHORITY, MERIT_VOLTAGE, MERIT_CURRENT = 0, 1, 2
-MERITS = {"min_voltage": MERIT_VOLTAGE, "min_current": MERIT_CURRENT}
-CARRIER_BAND_HZ = 10e3
+IDLE_HZ = 10e3  # before the first target
 CLEAR = 1.0 - 1e-9  # of a limit: kept clear of it against rounding
 CORRECTION_ROUNDS = 4
 FREQUENCY_ROUNDS = 2  # of them choose the frequency too; later ones find the voltage alone
 USUAL_SHARE = 0.5  # of the highest voltage, where there is none
 CAUTION_CUTS = 20  # halvings of the rise; leaves 1e-6 of it
-WORTH_COMPARING_V, WORTH_COMPARING_A = 1.0, 1e-6  # below, costs are as good as equal
+LEAST_V = 1.0  # below, a voltage tells nothing of the rise
 
 
 @dataclass(frozen=True)
 class ControllerSettings:
     """A surface and how to use it.
 
-    `hysteresis`: how much better (relative) another frequency must be before the carrier moves there.
-    `fixed_frequency_hz` belongs to the policy `fixed_frequency`; between the surface's nodes `limits` hold exactly.
+    `policy`: the name of one of `policies.py`, which reads the next three. `hysteresis`: how much better (relative)
+    another frequency must be before the carrier moves there.
     `correction`: what the finger's speed and the time do to friction, where the model says they do anything.
     `feedback`: how the finger's own gains are learnt from measured friction; None leaves them at 1.
     """
 
     surface: Surface
     limits: OperatingLimits
-    policy: Policy = "max_authority"
+    policy: str = "max_authority"
     fixed_frequency_hz: float | None = None
     lowest_carrier_hz: float = 100.0
+    quiet_above_hz: float = 1000.0
     hysteresis: float = 0.05
     correction: Correction | None = None
     feedback: FeedbackSettings | None = None
 
     def __post_init__(self) -> None:
         """Refuse settings under which no frequency could be chosen."""
-        low, high = np.exp(self.surface.log_frequency[[0, -1]])
-        if self.policy not in POLICIES:
-            raise BadInputError("bad_policy", f"there is no policy '{self.policy}'", f"Known: {', '.join(POLICIES)}")
-        if self.policy == "fixed_frequency":
-            f = self.fixed_frequency_hz
-            if f is None or not low * (1 - 1e-9) <= f <= high * (1 + 1e-9):
-                wrong = "no frequency is given" if f is None else f"{f:g} Hz is not on the surface"
-                hint = f"Give fixed_frequency_hz of {low:g}..{high:g} Hz"
-                raise BadInputError("bad_frequency", f"policy fixed_frequency: {wrong}", hint)
-        elif self.first_node >= self.surface.log_frequency.size:
-            said = f"policy {self.policy} finds no frequency on a surface of {low:g}..{high:g} Hz"
-            raise BadInputError("bad_frequency", said, "Build a surface that reaches higher")
-
-    @property
-    def first_node(self) -> int:
-        """The first frequency node that the policy may use."""
-        lowest_hz = CARRIER_BAND_HZ if self.policy == "carrier" else self.lowest_carrier_hz
-        return int(np.searchsorted(self.surface.log_frequency, np.log(lowest_hz) - 1e-9))
+        chosen_by(self)
 
     def caps(self, frequency_hz: float) -> Caps:
         """Largest voltage and sliding current that the limits allow at one frequency."""
@@ -99,8 +82,7 @@ class ControllerSettings:
 class Control(NamedTuple):
     """All that the compiled functions are told.
 
-    The frequency is `fixed_hz`, to which `caps` belong, or where that is NaN the best by `merit` of the nodes from
-    `first` to `stop`.
+    `caps` belong to the frequency that `choice` fixes, if it fixes one.
     """
 
     surface: Surface
@@ -108,11 +90,8 @@ class Control(NamedTuple):
     corrected: bool
     law: FeedbackSettings
     learns: bool
-    first: int
-    stop: int
-    merit: int
+    choice: Choice
     hysteresis: float
-    fixed_hz: float
     caps: Caps
 
 
@@ -138,19 +117,17 @@ class Controller:
     def __init__(self, settings: ControllerSettings) -> None:
         self.settings = settings
         correction, law = settings.correction, settings.feedback
-        hz = settings.fixed_frequency_hz if settings.policy == "fixed_frequency" else None
+        rank, *numbers = chosen_by(settings)
+        choice = Choice(laid_out(rank), *map(float, numbers))
         control = Control(
             surface=Surface(*map(laid_out, settings.surface)),
             correction=Correction(*map(laid_out, NO_CORRECTION if correction is None else correction)),
             corrected=correction is not None,
             law=FeedbackSettings(0.0) if law is None else feedback.checked(law),
             learns=law is not None,
-            first=settings.first_node,
-            stop=settings.surface.log_frequency.size,
-            merit=MERITS.get(settings.policy, MERIT_AUTHORITY),
+            choice=choice,
             hysteresis=float(settings.hysteresis),
-            fixed_hz=nan if hz is None else float(hz),
-            caps=NO_CAPS if hz is None else settings.caps(hz),
+            caps=NO_CAPS if np.isnan(choice.fixed_hz) else settings.caps(choice.fixed_hz),
         )
         held = hold(control)
         self.step, self.along, self.reachable = partial(step, held), partial(along, held), partial(reachable, held)
@@ -190,7 +167,7 @@ def step(
         then = feedback.in_force(commands, finger.time_s - control.law.latency_s, control.law.timing_s)
         known = feedback.learnt(control.surface, control.correction, control.law, known, then, finger)
     if not (target.active and target.cof > 0.0 and finger.normal_force_n > 0.0):
-        idle_hz = CARRIER_BAND_HZ if np.isnan(state.frequency_hz) else state.frequency_hz
+        idle_hz = IDLE_HZ if np.isnan(state.frequency_hz) else state.frequency_hz
         idle = OperatingPoint(idle_hz, 0.0, np.nan, 0.0, 0.0, True, np.nan, np.nan)
         return ControllerState(state.frequency_hz, known, commands), idle
     frequency_hz, inverse, factors = chosen(control, known, target.cof, finger, state.frequency_hz)
@@ -213,8 +190,8 @@ def carried(held: Held, before: Held, state: ControllerState, speed_m_s: float, 
         return state
     new, old, known, frequency_hz = held[0], before[0], state.estimate, state.frequency_hz
     nodes, load_n, time_s = new.surface.log_normal_force, known.normal_force_n, known.time_s
-    peak_v = voltage_v if voltage_v >= WORTH_COMPARING_V else USUAL_SHARE * new.surface.voltage_v[-1]
-    drive = InForce(CARRIER_BAND_HZ if np.isnan(frequency_hz) else frequency_hz, peak_v, peak_v, peak_v, True)
+    peak_v = voltage_v if voltage_v >= LEAST_V else USUAL_SHARE * new.surface.voltage_v[-1]
+    drive = InForce(IDLE_HZ if np.isnan(frequency_hz) else frequency_hz, peak_v, peak_v, peak_v, True)
     finger = FingerState(
         0.0 if np.isnan(time_s) else time_s,
         0.0,
@@ -242,13 +219,13 @@ def chosen(
     Then the rise is cut back until the friction expected plus one standard deviation is within `margin` of the target.
     """
     surface, gains, force_n = control.surface, known.gains, finger.normal_force_n
-    low = cof_at(surface, CARRIER_BAND_HZ, 0.0, force_n)  # the same at any frequency
-    factors, frequency_hz, inverse = Factors(1.0, 1.0), control.fixed_hz, Inverse(0.0, low, 0.0, 0.0, low, low)
+    low = cof_at(surface, IDLE_HZ, 0.0, force_n)  # the same at any frequency
+    factors, frequency_hz, inverse = Factors(1.0, 1.0), control.choice.fixed_hz, Inverse(0.0, low, 0.0, 0.0, low, low)
     for k in range(1 + CORRECTION_ROUNDS if control.corrected else 1):
         if k > 0:
             factors = factors_at(control.correction, frequency_hz, inverse.voltage_v, finger)
         wanted = on_surface(gains, factors, low, target_cof)
-        if k <= FREQUENCY_ROUNDS and np.isnan(control.fixed_hz):
+        if k <= FREQUENCY_ROUNDS and np.isnan(control.choice.fixed_hz):
             frequency_hz = best_or_present(control, wanted, force_n, present_hz)
         inverse = invert(surface, wanted, frequency_hz, force_n, control.caps)
     if known.cautious:
@@ -290,6 +267,13 @@ def as_felt(frequency_hz: float, at: Inverse, factors: Factors, gains: Gains, ta
     return OperatingPoint(frequency_hz, at.voltage_v, cof, current_a, stuck_a, in_reach, low, high)
 
 
+class Candidate(NamedTuple):
+    """A frequency that the carrier may have: its rank by the policy, and what the target takes there."""
+
+    rank: float
+    at: Inverse
+
+
 @kernel
 def best_or_present(control: Control, target_cof: float, normal_force_n: float, present_hz: float) -> float:
     """The best frequency, or the present one while that is not clearly worse; NaN for none."""
@@ -297,42 +281,86 @@ def best_or_present(control: Control, target_cof: float, normal_force_n: float, 
     best_hz = np.exp(surface.log_frequency[best_node(control, target_cof, normal_force_n)])
     if np.isnan(present_hz) or present_hz == best_hz:
         return float(best_hz)
-    best = invert(surface, target_cof, best_hz, normal_force_n, NO_CAPS)
-    present = invert(surface, target_cof, present_hz, normal_force_n, NO_CAPS)
+    best = candidate(control, best_hz, target_cof, normal_force_n)
+    present = candidate(control, present_hz, target_cof, normal_force_n)
     return float(best_hz if is_clearly_better(control, best, present, target_cof) else present_hz)
 
 
 @kernel
-def is_clearly_better(control: Control, best: Inverse, present: Inverse, target_cof: float) -> bool:
+def candidate(control: Control, hz: float, target_cof: float, normal_force_n: float) -> Candidate:
+    """One frequency; between nodes it has the rank of the nearer one."""
+    i, a = locate(control.surface.log_frequency, np.log(hz))
+    rank = control.choice.rank[i + (a > 0.5)]
+    return Candidate(rank, invert(control.surface, target_cof, hz, normal_force_n, NO_CAPS))
+
+
+@kernel
+def is_clearly_better(
+    control: Control,
+    best: Candidate,
+    present: Candidate,
+    target_cof: float,
+) -> bool:
     """Whether one frequency is so much better than the other that the carrier should move."""
-    clearly = 1.0 + control.hysteresis
-    if present.cof_high < target_cof <= best.cof_high:
+    clearly, high = 1.0 + control.hysteresis, present.at.cof_high
+    if high < target_cof <= best.at.cof_high:
         return True
-    if control.merit == MERIT_AUTHORITY or present.cof_high < target_cof:
-        return best.cof_high - best.cof_low > clearly * (present.cof_high - present.cof_low)
-    if control.merit == MERIT_VOLTAGE:
-        return present.voltage_v > WORTH_COMPARING_V and present.voltage_v > clearly * best.voltage_v
-    return present.current_rms_a > WORTH_COMPARING_A and present.current_rms_a > clearly * best.current_rms_a
+    if high < target_cof:
+        return authority(best.at) > clearly * authority(present.at)
+    # After a change of surface the present one may lie between nodes, the nearer of them too low.
+    if present.rank != best.rank and np.isfinite(present.rank):
+        is_at_its_limit = authority(best.at) <= clearly * (target_cof - best.at.cof_low)
+        return present.rank > clearly * best.rank and not is_at_its_limit
+    if not has_cost(control.choice):
+        return authority(best.at) > clearly * authority(present.at)
+    present_cost = cost(control.choice, present.at)
+    return present_cost > 1.0 and present_cost > clearly * cost(control.choice, best.at)
 
 
 @kernel
 def best_node(control: Control, target_cof: float, normal_force_n: float) -> int:
-    """The frequency with most authority, or of those that reach the target the one with least volts or current."""
-    surface = control.surface
+    """The frequency that the policy prefers among those that reach the target.
+
+    Where none does, it is the allowed one with most authority.
+    """
+    surface, choice = control.surface, control.choice
     j, b = locate(surface.log_normal_force, np.log(normal_force_n))
-    best, most = control.first, -1.0
-    cheapest, least = -1, np.inf
-    for i in range(control.first, control.stop):
+    strongest, most = -1, -1.0
+    best, least_rank, least = -1, np.inf, np.inf
+    for i in range(choice.rank.size):
+        rank = choice.rank[i]
+        if np.isinf(rank):
+            continue
         place = Place(i, 0.0, j, b)
         high = at_voltage(surface, surface.cof, place, limit_v(surface, place))
-        if high > most:
-            best, most = i, high
-        if control.merit != MERIT_AUTHORITY and high >= target_cof:
-            found = invert_at(surface, target_cof, place, NO_CAPS)
-            cost = found.voltage_v if control.merit == MERIT_VOLTAGE else found.current_rms_a
-            if cost < least:
-                cheapest, least = i, cost
-    return cheapest if cheapest >= 0 else best
+        if strongest < 0 or high > most:
+            strongest, most = i, high
+        if high < target_cof or rank > least_rank:
+            continue
+        burden = -high
+        if has_cost(choice):
+            burden = cost(choice, invert_at(surface, target_cof, place, NO_CAPS))
+        if rank < least_rank or burden < least:
+            best, least_rank, least = i, rank, burden
+    return best if best >= 0 else strongest
+
+
+@kernel
+def authority(at: Inverse) -> float:
+    """How far friction can be raised at one frequency."""
+    return at.cof_high - at.cof_low
+
+
+@kernel
+def has_cost(choice: Choice) -> bool:
+    """Whether anything but rank and authority counts."""
+    return choice.cost_per_v > 0.0 or choice.cost_per_a > 0.0
+
+
+@kernel
+def cost(choice: Choice, at: Inverse) -> float:
+    """What the target costs at one frequency."""
+    return choice.cost_per_v * at.voltage_v + choice.cost_per_a * at.current_rms_a
 
 
 @kernel
@@ -371,7 +399,7 @@ def along(
 @kernel
 def reachable(held: Held, normal_force_n: float) -> tuple[float, float]:
     """Lowest and highest friction that the policy can reach under a load."""
-    control, frequency_hz = held[0], held[0].fixed_hz
+    control, frequency_hz = held[0], held[0].choice.fixed_hz
     if np.isnan(frequency_hz):
         frequency_hz = np.exp(control.surface.log_frequency[best_node(control, np.inf, normal_force_n)])
     most = invert(control.surface, np.inf, frequency_hz, normal_force_n, control.caps)

@@ -14,11 +14,19 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    FiniteFloat,
+    WithJsonSchema,
+    model_validator,
+)
 
 from haptic_driver.config import Section, find_config, parse, read_toml
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS, OperatingLimits
+from haptic_driver.render.policies import POLICIES
 from haptic_driver.rig.part import (
     AMPLIFIERS,
     ANALOG_OUTPUTS,
@@ -39,10 +47,10 @@ from haptic_driver.rig.parts.amplifiers import AmplifierConfig
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput, SomeAnalogOutput
 from haptic_driver.rig.parts.electrode_monitors import CardElectrodeMonitorConfig, SomeElectrodeMonitor
 from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
-from haptic_driver.signals import Policy
 from hw import plugins
 from hw.analog.demodulation import highest_carrier_hz
 from hw.generator import contract as generators
+from model.support.errors import nearest
 
 # What two programs can hold at the same time; the watchdog must not depend on the driver letting go.
 _SHAREABLE = re.compile(r"TCPIP\d*::.*", re.IGNORECASE)
@@ -50,6 +58,19 @@ _SHAREABLE = re.compile(r"TCPIP\d*::.*", re.IGNORECASE)
 
 def _installed_model(model: str) -> str:
     return plugins.known(generators.GROUP, model, generators.WHAT)
+
+
+def _known_policy(name: str) -> str:
+    if name not in POLICIES:
+        raise ValueError(f"there is no policy '{name}'. {nearest(name, list(POLICIES))}")
+    return name
+
+
+Policy = Annotated[
+    str,
+    AfterValidator(_known_policy),
+    WithJsonSchema({"type": "string", "enum": [*POLICIES]}),
+]
 
 
 def _analog_if_not_said(section: object) -> object:
@@ -220,11 +241,15 @@ class FingerConfig(Section):
 
 
 class ControllerConfig(Section):
-    """How operating points are chosen when the user does not say."""
+    """How operating points are chosen when the user does not say.
+
+    `quiet_above_hz`: from here on a ripple of friction counts as not felt; see `docs/carrier.md`.
+    """
 
     policy: Policy = "max_authority"
     fixed_frequency_hz: Positive | None = None
     lowest_carrier_hz: Positive = 100.0
+    quiet_above_hz: Positive = 1000.0
     hysteresis: Annotated[FiniteFloat, Field(ge=0.0, le=1.0)] = 0.05
 
 

@@ -70,6 +70,15 @@ def test_a_change_in_another_file_never_runs_stale_machine_code(package) -> None
     assert len(kernel_folders(package)) == 2
 
 
+def test_another_policy_has_nothing_compiled_anew(package) -> None:
+    policies = package / "policies.py"
+    policies.write_text("def loudest(settings): ...\n")
+    assert scaled(package, 3.0, 4.0) == 6.0
+    policies.write_text("def quietest(settings): ...\n")
+    assert scaled(package, 3.0, 4.0) == 6.0
+    assert len(kernel_folders(package)) == 1
+
+
 def test_fields_of_a_signal_that_change_places_are_not_mixed_up(package) -> None:
     """Both are floats, so that to numba the record looks as before."""
     assert scaled(package, 3.0, 4.0) == 6.0

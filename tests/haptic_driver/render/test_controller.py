@@ -11,13 +11,11 @@ from scipy.optimize import brentq
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.render.choice import Choice
 from haptic_driver.render.controller import (
     CAUTION_CUTS,
     INITIAL,
-    MERIT_AUTHORITY,
-    MERIT_CURRENT,
-    MERIT_VOLTAGE,
-    POLICIES,
+    Candidate,
     Control,
     Controller,
     ControllerSettings,
@@ -30,12 +28,14 @@ from haptic_driver.render.controller import (
 )
 from haptic_driver.render.correction import NO_CORRECTION, Factors
 from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains
+from haptic_driver.render.policies import POLICIES
 from haptic_driver.render.safety import violation
 from haptic_driver.render.surface import NO_CAPS, Inverse, cof_at
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
 from haptic_driver.surface.file import ready_for_lookup
 from model.conditions import Conditions
 
+AUTHORITY, VOLTAGE, CURRENT = (0.0, 0.0), (1.0, 0.0), (0.0, 1e6)  # per volt and per ampere
 CHOOSING = [policy for policy in POLICIES if policy != "fixed_frequency"]
 COF_OFF = 0.512
 WIDE = OperatingLimits(1e3, 1e-3, 1e7, contact_current_a_rms=((1.0, 1.0),))  # the surface has its own
@@ -86,28 +86,48 @@ def test_least_volts_and_least_current_are_those_of_trying_all(
     assert getattr(point, cost) == pytest.approx(tried.min(), rel=ON_SURFACE)
 
 
-@pytest.mark.parametrize("merit", [MERIT_AUTHORITY, MERIT_VOLTAGE, MERIT_CURRENT])
-def test_the_best_node_of_any_band_is_that_of_trying_all(surface, brute_force, rng, merit):
+def by(surface, choice):
+    """A control that knows no finger, and chooses so."""
     law = FeedbackSettings(0.0)
-    any_frequency = Control(surface, NO_CORRECTION, False, law, False, 0, 200, merit, 0.05, math.nan, NO_CAPS)
+    return Control(surface, NO_CORRECTION, False, law, False, choice, 0.05, NO_CAPS)
+
+
+def some_ranks(rng):
+    """A band of frequencies in which each has one of three ranks, infinite outside."""
+    first = int(rng.integers(0, 150))
+    stop = int(rng.integers(first + 1, 201))
+    rank = np.full(200, np.inf)
+    rank[first:stop] = rng.choice([1.0, 2.0, 5.0], stop - first)
+    return rank
+
+
+@pytest.mark.parametrize("costs", [AUTHORITY, VOLTAGE, CURRENT])
+@pytest.mark.parametrize("ranked", [False, True])
+def test_the_best_node_of_any_band_is_that_of_trying_all(surface, brute_force, rng, costs, ranked):
+    """Those that reach the target, of them the least rank, of them the least cost or most authority."""
     for _ in range(150):
-        first = int(rng.integers(0, 150))
-        stop = int(rng.integers(first + 1, 201))
+        rank = some_ranks(rng)
+        if not ranked:
+            rank = np.minimum(rank, 1.0, where=np.isfinite(rank), out=rank)
         target, force = float(rng.uniform(0.5, 1.8)), float(0.1 * 20.0 ** rng.uniform())
         reach = brute_force(force, target)
-        index = best_node(any_frequency._replace(first=first, stop=stop, merit=merit), target, force)
-        assert first <= index < stop
-        cost = {MERIT_VOLTAGE: reach.voltage_v, MERIT_CURRENT: reach.current_rms_a, MERIT_AUTHORITY: -reach.cof_high}
-        reached = np.isfinite(cost[merit][first:stop]).any()
-        merit_used = cost[merit] if reached else cost[MERIT_AUTHORITY]
+        index = best_node(by(surface, Choice(rank, *costs)), target, force)
+        cost = {VOLTAGE: reach.voltage_v, CURRENT: reach.current_rms_a, AUTHORITY: -reach.cof_high}
+        tried = np.isfinite(rank) & (reach.cof_high >= target)
+        counted = cost[costs]
+        if tried.any():
+            tried &= rank == rank[tried].min()
+        else:
+            tried, counted = np.isfinite(rank), cost[AUTHORITY]
+        assert tried[index]
         # equal to rounding: two neighbours may be as good as one another
-        assert merit_used[index] == pytest.approx(merit_used[first:stop].min(), rel=1e-9)
+        assert counted[index] == pytest.approx(counted[tried].min(), rel=1e-9)
 
 
 def test_policies_differ_where_they_should(controllers):
     """Otherwise the comparisons above would hold for a controller that ignores its policy."""
     chosen = {policy: ask(controllers[policy], 0.515)[1] for policy in CHOOSING}
-    assert len({round(p.frequency_hz) for p in chosen.values()}) == 4
+    assert len({round(p.frequency_hz) for p in chosen.values()}) == 5
     assert chosen["min_voltage"].voltage_v < chosen["max_authority"].voltage_v
     assert chosen["min_current"].current_rms_a < chosen["max_authority"].current_rms_a
 
@@ -271,30 +291,42 @@ def test_the_frequency_moves_when_another_is_clearly_better(rivals):
     assert state.frequency_hz != 100.0
 
 
-def reaching(voltage_v=50.0, current_a=1e-4, high=1.0):
+def reaching(voltage_v=50.0, current_a=1e-4, high=1.0, rank=1.0):
     """What a frequency that reaches a friction of 0.7 from one of 0.5 takes for it."""
-    return Inverse(voltage_v, 0.7, current_a, current_a, 0.5, high)
+    return Candidate(rank, Inverse(voltage_v, 0.7, current_a, current_a, 0.5, high))
 
 
 @pytest.mark.parametrize(
-    ("merit", "best", "present", "moves"),
+    ("costs", "best", "present", "moves"),
     [
-        (MERIT_VOLTAGE, reaching(10.0), reaching(10.4), False),
-        (MERIT_VOLTAGE, reaching(10.0), reaching(10.6), True),
-        (MERIT_VOLTAGE, reaching(0.1), reaching(0.9), False),  # either is next to nothing
-        (MERIT_VOLTAGE, reaching(10.0, 1e-4), reaching(10.0, 1e-3), False),
-        (MERIT_CURRENT, reaching(10.0, 1e-4), reaching(10.0, 1.06e-4), True),
-        (MERIT_CURRENT, reaching(10.0, 1e-7), reaching(90.0, 9e-7), False),
-        (MERIT_AUTHORITY, reaching(high=1.0), reaching(high=0.9), True),
-        (MERIT_AUTHORITY, reaching(10.0, 1e-6, high=1.0), reaching(90.0, 1e-3, high=0.99), False),
-        (MERIT_VOLTAGE, reaching(high=0.69), reaching(high=0.6), True),  # neither reaches: the one that comes nearer
+        (VOLTAGE, reaching(10.0), reaching(10.4), False),
+        (VOLTAGE, reaching(10.0), reaching(10.6), True),
+        (VOLTAGE, reaching(0.1), reaching(0.9), False),  # either is next to nothing
+        (VOLTAGE, reaching(10.0, 1e-4), reaching(10.0, 1e-3), False),
+        (CURRENT, reaching(10.0, 1e-4), reaching(10.0, 1.06e-4), True),
+        (CURRENT, reaching(10.0, 1e-7), reaching(90.0, 9e-7), False),
+        (AUTHORITY, reaching(high=1.0), reaching(high=0.9), True),
+        (AUTHORITY, reaching(10.0, 1e-6, high=1.0), reaching(90.0, 1e-3, high=0.99), False),
+        # neither reaches: the one that comes nearer
+        (VOLTAGE, reaching(high=0.69), reaching(high=0.6), True),
+        (AUTHORITY, reaching(high=0.69, rank=2.0), reaching(high=0.6), True),
+        # a rank comes before cost and authority, by more than the hysteresis
+        (AUTHORITY, reaching(high=0.8), reaching(high=1.0, rank=1.06), True),
+        (AUTHORITY, reaching(high=1.0), reaching(high=0.8, rank=1.04), False),
+        (VOLTAGE, reaching(90.0), reaching(10.0, rank=2.0), True),
+        (AUTHORITY, reaching(high=1.0, rank=2.0), reaching(high=0.69), True),  # out of reach
+        # nor to where the target is at the limit, beyond which the carrier would have to move back
+        (AUTHORITY, reaching(high=0.709), reaching(high=1.0, rank=2.0), False),
+        (AUTHORITY, reaching(high=0.711), reaching(high=1.0, rank=2.0), True),
+        # no rank of its own: as if it were as good a one
+        (AUTHORITY, reaching(high=1.0), reaching(high=0.99, rank=math.inf), False),
+        (AUTHORITY, reaching(high=1.0), reaching(high=0.9, rank=math.inf), True),
     ],
 )
 def test_a_carrier_moves_for_what_its_policy_counts_and_for_more_than_the_hysteresis(
-    surface, merit, best, present, moves
+    surface, costs, best, present, moves
 ):
-    law = FeedbackSettings(0.0)
-    control = Control(surface, NO_CORRECTION, False, law, False, 0, 200, merit, 0.05, math.nan, NO_CAPS)
+    control = by(surface, Choice(np.ones(200), *costs))
     assert is_clearly_better(control, best, present, 0.7) is moves
 
 
