@@ -14,26 +14,27 @@ from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdou
 from haptic_driver.errors import BadInputError, HapticError, require_range
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
-from haptic_driver.render.policies import POLICIES
+from haptic_driver.render.policies import POLICIES, description
 from haptic_driver.render.safety import violation
 from haptic_driver.rig.config import load_rig
 from haptic_driver.signals import NO_COMMAND, FingerState, OperatingPoint, TargetFriction
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.file import SurfaceFile, cof_interval_at, read_surface, ready_for_lookup
 from haptic_driver.surface.models import load_model
+from haptic_driver.textures.ripple import QuietReach, Ripple, quiet_reach, ripple
 from model import friction as friction_law
 from model.analysis import uncertainty
 from model.description import ModelDescription
 from model.support.errors import nearest
+
+POLICIES_SAID = " ".join(f"{name}: {description(name)}" for name in POLICIES)
 
 
 def solve(
     friction: Annotated[float, Option(help="Target coefficient of friction.")],
     normal_force: Annotated[float, Option(help="Normal force of the finger, N.")] = 0.5,
     frequency: Annotated[str, Option(help="'auto' or a frequency in Hz.")] = "auto",
-    policy: Annotated[
-        str | None, Option(help=f"One of {', '.join(POLICIES)}.", autocompletion=lambda: list(POLICIES))
-    ] = None,
+    policy: Annotated[str | None, Option(help=POLICIES_SAID, autocompletion=lambda: list(POLICIES))] = None,
     model: ModelOption = "reference",
     surface: Annotated[Path | None, Option(help="Surface file instead of a model.")] = None,
     rig: RigOption = "simulated",
@@ -64,6 +65,8 @@ def solve(
     controller = Controller(ControllerSettings(ready_for_lookup(file, limits), limits, **own))
     point = _point(controller, limits, friction, normal_force)
     interval = interval_at(point.frequency_hz, point.voltage_v, normal_force)
+    left = ripple(point.frequency_hz, config.controller.quiet_above_hz)
+    without = quiet_reach(controller.settings, normal_force)
     payload = {
         "frequency_hz": point.frequency_hz,
         "voltage_v": point.voltage_v,
@@ -73,8 +76,15 @@ def solve(
         "policy": chosen,
         "reachable_cof": list(controller.reachable(normal_force)),
         "cof_interval": None if interval is None else list(interval),
+        "ripple": left._asdict(),
+        "quiet_reach": without._asdict(),
     }
-    report(as_json, payload, lambda: _show(payload, normal_force))
+
+    def show() -> None:
+        _show(payload, normal_force)
+        _show_ripple(left, without)
+
+    report(as_json, payload, show)
 
 
 def _interval_at(
@@ -113,6 +123,16 @@ def _show(found: dict[str, Any], normal_force_n: float) -> None:
         stdout.print(f"  with the model's uncertainty this friction is {low:.4g} to {high:.4g} (68 %)")
     low, high = found["reachable_cof"]
     stdout.print(f"  reachable here: {low:.4g} to {high:.4g}")
+
+
+def _show_ripple(left: Ripple, without: QuietReach) -> None:
+    stdout.print(f"  ripple of friction at {left}")
+    low, high = without.cof
+    most = without.any_cof[1]
+    stdout.print(
+        f"  without a felt ripple (policy quiet): {low:.4g} to {high:.4g}, "
+        f"{without.share:.1%} of the authority that reaches {most:.4g}"
+    )
 
 
 def _frequency(text: str) -> float | None:

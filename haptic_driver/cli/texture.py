@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
+import numpy as np
 import typer
 from rich.table import Table
 from rich.text import Text
@@ -18,13 +20,15 @@ from haptic_driver.config import texture_dirs
 from haptic_driver.errors import BadInputError, require_range
 from haptic_driver.pictures import textures as pictures
 from haptic_driver.render.texture import Texture
-from haptic_driver.signals import COURSE_POINTS
-from haptic_driver.textures.bands import Band, Output, asked, predicted
+from haptic_driver.signals import COURSE_POINTS, NO_COMMAND, FingerState, TargetFriction
+from haptic_driver.textures.bands import Band, Output, asked, finger_gain, predicted
 from haptic_driver.textures.library import load, texture_names
 from haptic_driver.textures.reach import SCREEN_M, WEBER, Demand, demand
 
 if TYPE_CHECKING:
+    from haptic_driver.render.controller import Controller
     from haptic_driver.rig.config import RigConfig
+    from haptic_driver.textures.ripple import Ripple
 
 app = typer.Typer(no_args_is_help=True, help="List, draw, check, import and play textures.")
 app.command("import")(texture_import.import_texture)
@@ -78,7 +82,8 @@ def check(
 ) -> None:
     """Say what a texture asks for and what of it is out of reach: under a load, and at a speed; flags are no failure.
 
-    Nine bands of frequency say what the rig's output and a usual finger let through at that speed.
+    Nine bands of frequency say what the rig's output and a usual finger let through at that speed,
+    and where the ripple of the carrier lies at the highest friction.
 
     Example: `haptic texture check linen --normal-force 0.5 --speed 0.05`
     """
@@ -87,8 +92,10 @@ def check(
     require_range("speed", speed, *SPEED_M_S, unit=" m/s")
     loaded = load(name, texture_dirs())
     config = load_rig(rig)
-    reachable = reachable_by(config, model, surface, normal_force)
+    controller = _controller(config, model, surface, normal_force)
+    reachable = controller.reachable(normal_force)
     found = demand(loaded.target, reachable)
+    carrier = _carrier(controller, found.cof_high, normal_force, speed)
     bands = []
     if isinstance(loaded.target, Texture):
         met = loaded.target.under(speed, normal_force)
@@ -101,12 +108,13 @@ def check(
         **found._asdict(),
         "speed_m_s": speed,
         "bands": [band._asdict() for band in bands],
+        "ripple": carrier.payload(),
     }
 
     def show() -> None:
         _show(name, loaded.kind, found, reachable, normal_force)
         if bands:
-            _show_bands(bands, speed)
+            _show_bands(bands, speed, carrier)
 
     report(as_json, payload, show)
 
@@ -147,8 +155,27 @@ def _output(config: RigConfig) -> Output:
     return Output(TICK_S / COURSE_POINTS, straight=True)
 
 
-def reachable_by(config: RigConfig, model: str, surface: Path | None, normal_force_n: float) -> tuple[float, float]:
-    """The lowest and the highest friction under a load, by a model or a surface's file within a rig's limits."""
+def reachable_by(
+    config: RigConfig,
+    model: str,
+    surface: Path | None,
+    normal_force_n: float,
+) -> tuple[float, float]:
+    """The lowest and the highest friction under a load, within a rig's limits.
+
+    By a model, or by a surface's file where one is given.
+    """
+    low, high = _controller(config, model, surface, normal_force_n).reachable(normal_force_n)
+    return float(low), float(high)
+
+
+def _controller(
+    config: RigConfig,
+    model: str,
+    surface: Path | None,
+    normal_force_n: float,
+) -> Controller:
+    """The controller of a rig on such a surface, whose loads include this one."""
     # Slow to import, and no other command of this group needs them.
     from haptic_driver.render.controller import Controller, ControllerSettings  # noqa: PLC0415
     from haptic_driver.surface.build import build_surface  # noqa: PLC0415
@@ -157,12 +184,51 @@ def reachable_by(config: RigConfig, model: str, surface: Path | None, normal_for
 
     limits = config.operating_limits()
     with compiling():
-        file = read_surface(surface) if surface is not None else build_surface(load_model(model), limits)
-        settings = ControllerSettings(ready_for_lookup(file, limits), **config.controller.model_dump(), limits=limits)
-        controller = Controller(settings)
+        file = read_surface(surface) if surface else build_surface(load_model(model), limits)
+        lookup = ready_for_lookup(file, limits)
+        own = config.controller.model_dump()
+        controller = Controller(ControllerSettings(lookup, limits, **own))
     require_range("normal force", normal_force_n, *file.normal_force_n[[0, -1]].tolist(), unit=" N")
-    low, high = controller.reachable(normal_force_n)
-    return float(low), float(high)
+    return controller
+
+
+class _Carrier(NamedTuple):
+    """A carrier and the ripple that it leaves.
+
+    `cof_rms`: of the friction that attraction would make at once; `finger_gain`: what a usual
+    finger's friction follows of it.
+    """
+
+    carrier_hz: float
+    ripple: Ripple
+    cof_rms: float
+    finger_gain: float
+
+    def payload(self) -> dict[str, Any]:
+        """For JSON."""
+        numbers = self._asdict()
+        del numbers["ripple"]
+        return self.ripple._asdict() | numbers
+
+
+def _carrier(
+    controller: Controller,
+    cof: float,
+    normal_force_n: float,
+    speed_m_s: float,
+) -> _Carrier:
+    """The carrier at the reachable friction nearest to `cof`."""
+    from haptic_driver.render.controller import INITIAL  # noqa: PLC0415
+    from haptic_driver.textures.ripple import ripple  # noqa: PLC0415
+
+    target = TargetFriction(cof, True)
+    finger = FingerState(0.0, 0.0, 0.0, speed_m_s, 0.0, normal_force_n, True)
+    with compiling():
+        _, point = controller.step(INITIAL, target, finger, NO_COMMAND)
+    left = ripple(point.frequency_hz, controller.settings.quiet_above_hz)
+    cof_rms = (point.cof - point.cof_low) / math.sqrt(2.0)
+    gain = float(finger_gain(np.array(left.frequency_hz), speed_m_s))
+    return _Carrier(point.frequency_hz, left, cof_rms, gain)
 
 
 def _show(name: str, kind: str, found: Demand, reachable: tuple[float, float], normal_force_n: float) -> None:
@@ -175,10 +241,16 @@ def _show(name: str, kind: str, found: Demand, reachable: tuple[float, float], n
         stdout.print(Text(f"  {flag}", "bold yellow"))
 
 
-def _show_bands(bands: Sequence[Band], speed_m_s: float) -> None:
+def _show_bands(bands: Sequence[Band], speed_m_s: float, carrier: _Carrier) -> None:
     table = Table("Hz", "asked, rms", "output", "finger", "", title=f"at {speed_m_s:g} m/s", title_justify="left")
     for band in bands:
         verdict = band.verdict.replace("_", " ")
         gains = (f"{band.output_gain:.0%}", f"{band.finger_gain:.0%}")
         table.add_row(f"{band.low_hz:.3g} to {band.high_hz:.3g}", f"{band.asked_cof_rms:.4f}", *gains, verdict)
+    table.add_section()
+    felt = "felt" if carrier.ripple.felt else "not felt"
+    gain = f"{carrier.finger_gain:.0%}"
+    hz = f"{carrier.ripple.frequency_hz:.3g}, ripple"
+    table.add_row(hz, f"{carrier.cof_rms:.4f}", "", gain, felt)
     stdout.print(table)
+    stdout.print(f"  ripple at the highest friction: {carrier.ripple}")

@@ -11,9 +11,9 @@ from model.conditions import Conditions
 
 KEYS = {
     "frequency_hz", "voltage_v", "cof", "electrostatic_force_n", "current_rms_a", "policy", "reachable_cof",
-    "cof_interval",
+    "cof_interval", "ripple", "quiet_reach",
 }  # fmt: skip
-POLICIES = ["max_authority", "min_voltage", "min_current", "carrier"]
+POLICIES = ["max_authority", "min_voltage", "min_current", "carrier", "quiet"]
 
 
 @pytest.fixture
@@ -50,6 +50,36 @@ def test_the_reachable_range_is_that_of_the_policy(solve, brute_force, grid):
     low, high = found["reachable_cof"]
     tried = brute_force(0.5, 0.6).cof_high[grid.frequency_hz >= 100.0].max()
     assert (low, high) == (pytest.approx(0.512, abs=1e-9), pytest.approx(tried, abs=1e-9))
+
+
+@pytest.mark.parametrize(
+    ("frequency", "place", "band_hz", "felt"),
+    [
+        ("5", "below", None, True),
+        ("200", "in", [317.48, 503.97], True),
+        ("450", "above", None, True),
+        ("500", "above", None, False),
+    ],
+)
+def test_the_ripple_is_at_twice_the_carrier(solve, frequency, place, band_hz, felt):
+    """Felt below 1 kHz, among bands of two thirds of an octave from 12.5 to 800 Hz."""
+    ripple = solve(0.5125, "--frequency", frequency)[1]["ripple"]
+    assert ripple["frequency_hz"] == 2.0 * float(frequency)
+    assert ripple["place"] == place
+    assert ripple["band_hz"] == (band_hz if band_hz is None else pytest.approx(band_hz, rel=1e-4))
+    assert ripple["felt"] is felt
+
+
+@pytest.mark.parametrize("policy", ["max_authority", "quiet"])
+def test_what_quiet_costs_is_that_of_trying_all(solve, brute_force, grid, policy):
+    _, found = solve(0.57, "--policy", policy)
+    tried = brute_force(0.5, 0.57).cof_high
+    high = tried[grid.frequency_hz >= 100.0].max()
+    quiet = tried[grid.frequency_hz >= 500.0 * (1.0 - 1e-9)].max()
+    reach = found["quiet_reach"]
+    assert reach["cof"] == pytest.approx([0.512, quiet], abs=1e-9)
+    assert reach["any_cof"] == pytest.approx([0.512, high], abs=1e-9)
+    assert reach["share"] == pytest.approx((quiet - 0.512) / (high - 0.512), rel=1e-6)
 
 
 @pytest.mark.parametrize("frequency", ["1", "250", "333.3", "1e3", "100000"])
@@ -158,4 +188,6 @@ def test_for_a_person(haptic, surface_path):
     assert done.status == 0
     assert done.out.startswith("250 Hz, ")
     assert "friction 0.6 under 0.5 N" in done.out
+    assert "ripple of friction at 500 Hz, in the band of 317 to 504 Hz: felt" in done.out
+    assert "without a felt ripple (policy quiet): 0.512 to 0.58" in done.out
     assert done.err == ""
