@@ -25,6 +25,7 @@ from haptic_driver.config import Checked
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import LEASE_HEADER, ErrorReport, Since
 from haptic_driver.daemon.verbs import COMMANDS, VIEWS, Empty, Verb
+from haptic_driver.daemon.web.carrier import CARRIER
 from haptic_driver.daemon.web.connections import OFF_THREADS
 from haptic_driver.daemon.web.frames import state_frame
 from haptic_driver.daemon.web.security import BodyLimit, refusal
@@ -55,7 +56,7 @@ def create_app(daemon: Daemon, page: Path | None = None) -> FastAPI:
         responses={status: {"model": ErrorReport, "description": what} for status, what in SAID.items()},
     )
     off_threads = CapacityLimiter(OFF_THREADS)
-    for tag, verbs in (("commands", COMMANDS), ("views", VIEWS)):
+    for tag, verbs in (("commands", COMMANDS), ("views", (*VIEWS, CARRIER))):
         for verb in verbs:
             app.add_api_route(
                 verb.path, _route(daemon, verb, off_threads), methods=[verb.method], response_model=verb.answer,
@@ -148,7 +149,8 @@ async def _until_gone(socket: WebSocket, sending: Coroutine[Any, Any, None]) -> 
 
 
 def _answer_errors(app: FastAPI) -> None:
-    paths = sorted({verb.path for verb in (*COMMANDS, *VIEWS)})  # the description is made when it is asked for
+    # The description is made when it is asked for.
+    paths = sorted({verb.path for verb in (*COMMANDS, *VIEWS, CARRIER)})
 
     @app.exception_handler(HapticError)
     async def refused(request: Request, error: HapticError) -> JSONResponse:

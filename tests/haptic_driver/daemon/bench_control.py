@@ -53,7 +53,10 @@ class BenchControl:
         self.inquiry = SimpleNamespace(
             answer=Why(state="not_asked", said="nobody has asked yet"), page=lambda: "<h1>Why</h1>"
         )
-        self.basis = SimpleNamespace(inquiry=self.inquiry)
+        controller = SimpleNamespace(quiet_above_hz=600.0)
+        config = SimpleNamespace(controller=controller)
+        settings = SimpleNamespace(config=config)
+        self.basis = SimpleNamespace(inquiry=self.inquiry, settings=settings)
         self._lock = threading.RLock()
         self._tell("state", "idle")
 

@@ -6,6 +6,7 @@ import { Controls } from "./controls.js";
 import { Happened } from "./flags.js";
 import { History, errorOf } from "./history.js";
 import { SCALE, levelOf, readTheme } from "./palette.js";
+import { rippleWords } from "./ripple.js";
 import { Screen } from "./screen.js";
 import { Surface } from "./surface.js";
 import { drawTimePlot } from "./timeplot.js";
@@ -24,7 +25,7 @@ const LATE_S = 10; // frames of which the ticks are summed up
 const $ = (id) => document.getElementById(id);
 const page = {
   status: null, newest: null, frames: [], linked: false, awaited: 0, newestS: 0, wallS: 0,
-  surfaceOf: null, textures: null, selected: "", textureOf: null, history: new History(SPANS_S), spanS: SPANS_S[0], paused: null, readMs: 0, plotMs: 0, state: "",
+  carrier: null, surfaceOf: null, textures: null, selected: "", textureOf: null, history: new History(SPANS_S), spanS: SPANS_S[0], paused: null, readMs: 0, plotMs: 0, state: "",
 };
 readTheme();
 const screen = new Screen($("texture-map"), $("finger"), { trailed: $("trail"), marks: $("marks"), here: $("here"), ahead: $("ahead"), nobody: $("nobody") });
@@ -110,6 +111,7 @@ async function fetchNames() {
     page.textures = (await ask("GET", "/textures")).textures;
     showTexture();
     await controls.fetchNames();
+    page.carrier = await ask("GET", "/carrier");
   });
 }
 
@@ -204,6 +206,7 @@ function showFigures(status, newest) {
   say("error", error ? percent(error.rms, 1) : "–");
   say("voltage_v", fixed(status.voltage_v, 1, " V"));
   say("frequency_hz", status.frequency_hz === null ? "–" : `${Number(status.frequency_hz.toPrecision(4))} Hz`);
+  showRipple(status);
   say("current_rms_a", status.current_rms_a === null ? "–" : `${(1e6 * status.current_rms_a).toFixed(1)} µA`);
   say("normal_force_n", newest?.in_contact ? fixed(newest.normal_force_n, 2, " N") : "–");
   say("feedback_gain", fixed(newest?.feedback_gain, 3));
@@ -220,6 +223,12 @@ function showFigures(status, newest) {
   why.show(status);
   say("disagreement", status.disagreement ?? (status.agreement.length ? "As the model expects." : "Not known yet: a minute of sliding tells."));
   showTicks(status);
+}
+
+// What the carrier leaves in friction while there is any voltage.
+function showRipple({ frequency_hz, voltage_v }) {
+  const known = page.carrier && frequency_hz !== null && voltage_v > 0;
+  say("ripple", known ? rippleWords(frequency_hz, page.carrier) : "–");
 }
 
 // All about the ticks in one line.

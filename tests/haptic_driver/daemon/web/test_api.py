@@ -97,6 +97,13 @@ def test_arm_set_off_disarm(unix, control):
     assert control.machine.state is DaemonState.IDLE
 
 
+def test_how_the_carriers_ripple_is_judged(unix):
+    said = unix.get("/carrier").json()
+    assert said["quiet_above_hz"] == 600.0
+    assert len(said["bands_hz"]) == 10
+    assert (said["bands_hz"][0], said["bands_hz"][-1]) == pytest.approx((12.5, 800.0))
+
+
 @pytest.mark.parametrize(
     ("method", "path", "body", "status", "code"),
     [

@@ -10,6 +10,8 @@ import pytest
 from haptic_driver.daemon import verbs
 from haptic_driver.daemon.messages import AgreementCell
 from haptic_driver.processes.samples import Flag
+from haptic_driver.textures.bands import EDGES_HZ
+from haptic_driver.textures.ripple import ripple
 from tests.haptic_driver.daemon.web.served_page import (
     BrowserError,
     Served,
@@ -311,6 +313,33 @@ def test_the_surface_says_what_forbids_a_place(page):
     for _ in range(40):
         page.keyboard.press("ArrowDown")
     expect(page.locator("#surface-said")).to_contain_text("allowed")
+
+
+def test_the_carriers_ripple_is_said_while_there_is_any(page, served):
+    """A carrier of 250 Hz, on a daemon whose rig takes ripples from 600 Hz on for quiet."""
+    text(page, "#ripple", "–")
+    arm_and_set(page)
+    text(page, "#ripple", "500 Hz, in the band of 317 to 504 Hz: felt")
+    page.click("#off")
+    text(page, "#ripple", "–")
+
+
+@pytest.mark.parametrize(
+    ("carrier_hz", "quiet_above_hz", "said"),
+    [
+        (5.0, 1000.0, "10 Hz, below the bands: felt"),
+        (100.0, 200.0, "200 Hz, in the band of 200 to 317 Hz: not felt"),
+        (419.87, 1000.0, "839.7 Hz, above the bands: felt"),
+        (500.0, 1000.0, "1000 Hz, above the bands: not felt"),
+    ],
+)
+def test_the_page_judges_a_ripple_as_the_program_does(page, carrier_hz, quiet_above_hz, said):
+    ask = "async ([hz, rule]) => (await import('./ripple.js')).rippleWords(hz, rule)"
+    rule = {"quiet_above_hz": quiet_above_hz, "bands_hz": EDGES_HZ.tolist()}
+    assert page.evaluate(ask, [carrier_hz, rule]) == said
+    judged = ripple(carrier_hz, quiet_above_hz)
+    assert said.endswith(": felt") is judged.felt
+    assert said.partition(", ")[2].startswith(judged.place)
 
 
 def test_a_fault_is_shown_and_reset(page, served, control):
