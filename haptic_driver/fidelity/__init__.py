@@ -1,0 +1,1 @@
+"""One measure of fidelity: felt against asked friction, and what a finger feels of it."""
