@@ -121,8 +121,8 @@ def test_bands_above_the_reach_of_a_rig_are_not_counted():
 
 @pytest.mark.parametrize(("amplitude_n", "felt"), [(20e-3, True), (0.1e-3, False)])
 def test_a_ripple_is_felt_where_its_force_exceeds_the_threshold(amplitude_n, felt):
-    ripple = amplitude_n / 0.5 * np.sin(math.tau * 100.0 * TIME_S)
-    found = measured(stroke_of(np.full(4000, 0.6), 0.6 + ripple, load_n=0.5))
+    ripple = amplitude_n / 0.8 * np.sin(math.tau * 100.0 * TIME_S)
+    found = measured(stroke_of(np.full(4000, 0.6), 0.6 + ripple, load_n=0.8))
     band = int(np.argmin(np.abs(CENTRES_HZ - 100.0)))
     assert found.band_residual_n[band] == pytest.approx(amplitude_n / math.sqrt(2.0), rel=0.01)
     assert found.bands_felt[band] is felt
