@@ -23,7 +23,7 @@ class FingerSample(NamedTuple):
     """One raw reading of the finger: position on the screen and forces, at a time.
 
     `lateral_force_n` is what friction is measured by, of either sign; NaN where it is unknown: no sensor, a reading
-    that is stale or saturated.
+    that is stale or saturated. `now_s` is when the tick is due; NaN: at the time of the reading.
     """
 
     time_s: float
@@ -31,10 +31,14 @@ class FingerSample(NamedTuple):
     position_y_m: float
     normal_force_n: float
     lateral_force_n: float = nan
+    now_s: float = nan
 
 
 class FingerState(NamedTuple):
-    """The finger as the stages see it: contact decided, velocity estimated, position at output time."""
+    """The finger as the stages see it: contact decided, velocity estimated, position at output time.
+
+    `time_s` is when the tick is due.
+    """
 
     time_s: float
     position_x_m: float

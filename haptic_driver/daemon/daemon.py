@@ -130,7 +130,7 @@ class Daemon:
 
     def _start_threads(self) -> None:
         pump = self._orders.pump
-        for name, work in (("watch", self._watch), ("bring_out", pump.run), ("play", pump.play)):
+        for name, work in (("watch", self._watch), ("bring_out", pump.run)):
             thread = threading.Thread(target=work, args=(self._ending,), name=name, daemon=True)
             self._threads.append(thread)
             thread.start()
@@ -173,14 +173,14 @@ class Daemon:
                 ticks=output.tick,
                 overruns=output.overruns,
                 timing=timing_of(self.shared.ring.newest(TIMED_SAMPLES), settings.render.period_s),
-                underruns=orders.pump.underruns,
+                underruns=self.shared.played.read().underruns,
                 flags=orders.flags(output).names(),
                 fault=machine.fault_reason,
                 lease_left_s=max(machine.lease_until_s - now_s, 0.0) if machine.armed else None,
                 lease_holder=machine.holder,
                 actuator=actuator_name(settings.config),
                 real_time=self.supervisor.real_time,
-                latency_budget_s=settings.latency_budget_s,
+                latency_budget_s=settings.latency_budget_s(self.shared.played.read().lead_s),
                 surface_hash=settings.surface.content_hash,
                 feedback=settings.feedback,
                 agreement=self.basis.observer.cells,

@@ -13,12 +13,11 @@ from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import Devices, build_rig, connect_devices
 from haptic_driver.rig.part import Wiring
-from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
+from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.parts.force_sensors import NoForceSensorConfig
 from haptic_driver.rig.states import RigEvent
 from haptic_driver.simulation.instruments import SCALE
 from haptic_driver.simulation.lines import SCREEN, Lines
-from hw.analog.served_output import ServedAnalogOutput
 from hw.errors import DeviceDisconnected
 from hw.finger.touch_screen import TouchEvents, TouchReports, TouchScreen
 from hw.finger.tracker import FingerTracker
@@ -41,7 +40,7 @@ class Instruments:
         self._config, self._electrode = config, electrode
         self._current: CurrentSensor | None = None
         self.rig = devices.rig
-        self.actuator = make_actuator(config, devices.rig, devices.analog_output)
+        self.actuator = make_actuator(config, devices.rig)
         self.sensor_period_s = SENSOR_PERIOD_S
         self._tracker = tracker
 
@@ -94,7 +93,7 @@ def connect_real(
 
     The force sensor takes its bias: leave it unloaded. It keeps that of the one `before`, where there was one.
     """
-    devices = connect_devices(config, on_event=on_event, before=before)
+    devices = connect_devices(config, on_event=on_event, before=before, envelope=False)
     if devices.tracker is None:
         raise BadInputError(
             "no_finger_tracker", f"rig {config.name} names no finger tracker: nobody tells where the finger is",
@@ -129,22 +128,22 @@ def connect_simulated(
     )
     screen = TouchScreen(reports, SCREEN)
     transport = TcpTransport.from_resource(endpoints["waveform_generator"])
-    output = None
-    if isinstance(config.analog_output, SimulatedAnalogOutputConfig):
-        output = ServedAnalogOutput(
-            TcpTransport.from_resource(endpoints["analog_output"]), config.analog_output.settings()
-        )
     rig = build_rig(
-        config, transport, force_sensor, Wiring(enable=lines, voltage_monitor=lines),
-        modulated=output is not None, heartbeats=[watchdog], on_event=on_event,
-    )  # fmt: skip
-    opening = [*([output.open] if output else []), rig.connect, box.open, watchdog.start]
-    closing = [watchdog.close, box.close, screen.close, lines.close, *([output.close] if output else [])]
+        config,
+        transport,
+        force_sensor,
+        Wiring(enable=lines, voltage_monitor=lines),
+        modulated=not isinstance(config.analog_output, NoAnalogOutput),
+        heartbeats=[watchdog],
+        on_event=on_event,
+    )
+    opening = [rig.connect, box.open, watchdog.start]
+    closing = [watchdog.close, box.close, screen.close, lines.close]
 
     def electrode(frequency_hz: float) -> ElectrodeReading | None:
         return None if config.electrode_monitor(frequency_hz) is None else lines.read_electrode(frequency_hz)
 
-    devices = Devices(rig, force_sensor, screen, None, output, watchdog, opening, closing)
+    devices = Devices(rig, force_sensor, screen, None, None, watchdog, opening, closing)
     return _opened(config, devices, screen, electrode)
 
 

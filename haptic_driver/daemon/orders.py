@@ -27,9 +27,8 @@ class Orders:
         self.lock = threading.RLock()
         self.machine = StateMachine()
         self.order = NO_ORDER
-        self.pump = OutputPump(
-            shared, settings.config.output.setpoint_interval_s, settings.render.period_s, self.fail, clock
-        )
+        output = settings.config.output
+        self.pump = OutputPump(shared, output.setpoint_interval_s, output.linger_s, self.fail, clock)
         self._shared = shared
         self._events = events
         self._clock = clock

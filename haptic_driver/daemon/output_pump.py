@@ -1,4 +1,4 @@
-"""From render's newest output to the instruments, and the gate that only the daemon's state machine opens."""
+"""From render's newest output to the generator, and the gate that only the daemon's state machine opens."""
 
 from __future__ import annotations
 
@@ -8,39 +8,38 @@ import time
 from collections.abc import Callable
 
 from haptic_driver.errors import message_of
-from haptic_driver.processes.real_time import Metronome
-from haptic_driver.processes.shared_memory import Driven, SharedState
+from haptic_driver.processes.shared_memory import CLOSED, Driven, Output, SharedState
 from haptic_driver.rig.actuator import Actuator
 from haptic_driver.rig.states import RigState
-from haptic_driver.signals import NO_COURSE, Course, DriveCommand
+from haptic_driver.signals import DriveCommand
 
 PUMP_PERIOD_S = 0.001
 PUMP_TIMEOUT_S = 5.0  # more than all timeouts of the devices together
 OUTPUT_STALE_S = 0.2  # what render said so long ago is not brought out any more
-LINGER_S = 10.0  # an envelope's carrier is on so long without voltage: to bring it back takes a tenth of a second
 START_S = 0.15  # how long an output takes to come up: a 33220A sets up a modulation in 0.11 s (unverified)
-GAP_S = 0.02  # after a gap was noticed, until what is played is whole again
 OFF = DriveCommand(0.0, 0.0, False)
 
 
 class OutputPump:
     """Brings out what render decides for orders from `open` on, and nothing while the gate is closed.
 
-    Tells render in `driven` since when the output is up, or last had a gap.
-    `run` is for one thread, `play`, for what must not wait for the other, for a second one. `actuator` may be
-    exchanged; None while there is none. `failed` is told what a device could not do, after the output has been switched
-    off for it. `underruns` counts gaps in what all actuators have played.
+    Tells render and the writer of an envelope in `driven` what may go out, and since when it does.
+    `run` is for one thread. `actuator` may be exchanged; None while there is none. `failed` is told what a device could
+    not do, after the output has been switched off for it. `linger_s`: see the rig's file.
     """
 
     def __init__(
-        self, shared: SharedState, interval_s: float, tick_s: float, failed: Callable[[str], object],
+        self,
+        shared: SharedState,
+        interval_s: float,
+        linger_s: float,
+        failed: Callable[[str], object],
         clock: Callable[[], float],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.actuator: Actuator | None = None
-        self.underruns = 0
         self._shared = shared
         self._interval_s = interval_s
-        self._tick_s = tick_s
+        self._linger_s = linger_s
         self._failed = failed
         self._clock = clock
         self._gate: int | None = None  # the first order whose output may go out; None: none may
@@ -49,9 +48,8 @@ class OutputPump:
         self._wanted_s = -math.inf  # when there was last something to bring out
         self._written_s, self._written = -math.inf, OFF
         self._up_s = math.inf  # when the output is up; inf while it is off
-        self._played = 0  # position among courses
-        self._dry_s = -math.inf  # when what is played last had a gap
         self._told: Driven | None = None
+        self._telling = threading.Lock()  # the record has one writer at a time
 
     @property
     def output_on(self) -> bool | None:
@@ -69,10 +67,11 @@ class OutputPump:
     def close(self) -> None:
         """Let nothing out any more; what is out is switched off with the next turn at the latest."""
         self._gate = None
+        self._tell()
 
     def off(self) -> None:
         """Close, and switch off now; waits for no command that is going out."""
-        self._gate = None
+        self.close()
         if self.actuator is not None:
             self._shown_on = self.actuator.off().output_on
 
@@ -95,10 +94,11 @@ class OutputPump:
     def turn(self, now_s: float) -> None:
         """One turn of `run`."""
         with self._pumping:
-            command = self._command(now_s)
-            if command.voltage_v > 0.0:
+            output = self._shared.output.read()
+            command = self._command(now_s, output)
+            if command.output_on and (output.in_contact or command.voltage_v > 0.0):
                 self._wanted_s = now_s
-            if now_s - self._wanted_s > LINGER_S:
+            if now_s - self._wanted_s > self._linger_s:
                 command = OFF
             # Without a change once per interval: it refreshes the rig's lease and goes on with its rise.
             if command != self._written or now_s - self._written_s >= self._interval_s:
@@ -106,45 +106,25 @@ class OutputPump:
                 self._bring_out(now_s, command)
             if not self.output_on:
                 self._up_s = math.inf
-            driven = Driven(max(self._up_s, self._dry_s))
+            self._tell()
+            if failure := self._shared.played.read().failure:
+                self._failed(failure)
+
+    def _tell(self) -> None:
+        """What may go out now; also while a command is going out, which must not keep an envelope from its end."""
+        with self._telling:
+            gate, actuator = self._gate, self.actuator
+            carrier_hz = math.nan if actuator is None else actuator.carrier_hz
+            full_scale_v = 0.0 if actuator is None else actuator.full_scale_v
+            driven = Driven(CLOSED if gate is None else gate, self._up_s, carrier_hz, full_scale_v)
             if driven != self._told:
                 self._told = driven
                 self._shared.driven.write(driven)
 
-    def play(self, ending: threading.Event) -> None:
-        """Play until the end."""
-        beat = Metronome(PUMP_PERIOD_S)
-        while not ending.is_set():
-            self.play_on(self._clock())
-            beat.wait()
-
-    def play_on(self, now_s: float) -> None:
-        """One turn of `play`."""
-        actuator = self.actuator
-        if actuator is None:
-            return
-        underruns = actuator.underruns
-        try:
-            actuator.play(self._command(now_s), self._course())
-        except Exception as error:  # the pump goes on
-            self._failed(message_of(error))
-        if actuator.underruns > underruns:
-            self.underruns += 1
-            self._dry_s = now_s + GAP_S
-
-    def _course(self) -> Course:
-        """What render wants of an envelope since the last time, if it may go out."""
-        taken = self._shared.courses.read(self._played)
-        gate, self._played = self._gate, taken.position
-        if gate is None or not taken.samples.size:
-            return NO_COURSE
-        courses = taken.samples[taken.samples["order"] >= gate]["powers_v2"]
-        return Course(courses.ravel(), len(courses) * self._tick_s)
-
-    def _command(self, now_s: float) -> DriveCommand:
-        """What render wants, if it may go out: on while it renders, at 0 V too, so that an envelope may have zeros."""
-        gate, output = self._gate, self._shared.output.read()
-        if gate is None or output.order < gate or now_s - output.time_s > OUTPUT_STALE_S:
+    def _command(self, now_s: float, output: Output) -> DriveCommand:
+        """What render wants, if it may go out: on while it renders, at 0 V too; not with an envelope left alone."""
+        written_s = self._shared.played.read().time_s
+        if not may_go_out(self._gate, output, now_s) or -math.inf < written_s < now_s - OUTPUT_STALE_S:
             return OFF
         return DriveCommand(output.frequency_hz, output.voltage_v, True)
 
@@ -161,3 +141,8 @@ class OutputPump:
             self._failed(message_of(error))
         if self.output_on and not was_on:
             self._up_s = self._clock() + START_S  # after the dialogue, which takes as long as it likes
+
+
+def may_go_out(gate: int | None, output: Output, now_s: float) -> bool:
+    """Whether what render said last is for an order that is let out, and not of long ago."""
+    return gate is not None and gate != CLOSED and output.order >= gate and now_s - output.time_s <= OUTPUT_STALE_S

@@ -121,7 +121,7 @@ class Recordings:
             calibration_ids=self._calibration_ids,
             software_version=version("haptic-driver"),
             actuator=actuator_name(settings.config),
-            latency_budget_s=settings.latency_budget_s,
+            latency_budget_s=settings.latency_budget_s(self._shared.played.read().lead_s),
             config=settings.config.model_dump(mode="json"),
         )
 

@@ -18,18 +18,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from haptic_driver.daemon.asked_for import AskedFor
 from haptic_driver.processes import parent, real_time
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import Due
 from haptic_driver.processes.samples import Flag
-from haptic_driver.processes.shared_memory import NO_ORDER, Driven, Order, Output, Sensed, SharedState, practice_slot
+from haptic_driver.processes.shared_memory import NO_ORDER, Order, Output, Sensed, SharedState, practice_slot
 from haptic_driver.render import envelope
 from haptic_driver.render.compiled import refuse_to_compile
-from haptic_driver.render.controller import Controller
+from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.finger import FingerTracking
 from haptic_driver.render.texture import FloatArray, Target, Uniform
 from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
 from haptic_driver.signals import SLIDING_M_S, FingerSample, FingerState
+from haptic_driver.textures.bands import FINGER_LAG_M
 
 WARM_UP_TICKS = 200
 (
@@ -47,12 +49,14 @@ class RenderSettings:
 
     `stale_s`: sensors, `silence_s`: control, not heard for so long. `usual_s`: so old a position may be, and further by
     the texture's finest detail at the finger's speed. `ramp_s`: how long a ramp to zero takes.
-    `envelope`: an analog output makes the amplitude, and is told its course from tick to tick. `surface`: the number
+    `envelope`: an analog output makes the amplitude, and is told its course from tick to tick; the latencies of `tick`
+    reckon with a lead of `lead_s`. `surface`: the number
     that the controller's has among orders. `standing_flags` are up whenever something is rendered.
     """
 
     tick: TickSettings
     envelope: bool = False
+    lead_s: float = 0.0
     period_s: float = 0.001
     stale_s: float = 0.1
     usual_s: float = 0.01
@@ -98,6 +102,14 @@ class Ramp(NamedTuple):
         return Ramp(self.from_v, since_s), min(voltage_v, share * self.from_v)
 
 
+class Heard(NamedTuple):
+    """What others say at a tick: control's order, the sensors, and since when what goes out reaches the electrode."""
+
+    order: Order
+    sensed: Sensed
+    driven_since_s: float
+
+
 class Kept(NamedTuple):
     """All that one tick hands on to the next. Flags are those of the present arming, as plain numbers: faster."""
 
@@ -119,6 +131,8 @@ class Renderer:
         self._clock = clock
         self._surface = settings.surface
         self._nothing = replace(settings.tick, texture=Nothing())
+        self._lead_s = settings.lead_s  # as the envelope's writer said last
+        self._asked = AskedFor(settings.period_s)
         self._kept = Kept(overruns=shared.output.read().overruns)
         self.rendering = False  # at the last tick
         self._practice = practice_slot()
@@ -130,6 +144,7 @@ class Renderer:
         self._target = 0
         self._tick_settings = self._nothing
         self._detail_m = math.inf
+        self._asked.forget()
         self._kept = Kept(overruns=self._kept.overruns)
 
     def warm_up(self) -> None:
@@ -144,13 +159,14 @@ class Renderer:
 
     def step(self, due: Due) -> Output:
         """One tick: read, decide, write."""
-        order, sensed, driven = self._read()
-        self.rendering = order.rendering
-        self._kept, done, output = self._decide(due, order, sensed, driven)
+        heard = self._read()
+        self.rendering = heard.order.rendering
+        self._kept, done, output = self._decide(due, heard)
         self._shared.output.write(output)
         if self._settings.envelope:
             self._shared.courses.write((output.order, *self._kept.course_v2.tolist()))
-        self._shared.ring.write(self._sample(due, sensed, driven, done, output, self._kept))
+        self._asked.add(due.due_s + self._latency_s, done.target.cof, done.wanted.cof)
+        self._shared.ring.write(self._sample(due, heard, done, output, self._kept))
         return output
 
     def rehearse(self, due: Due) -> None:
@@ -158,21 +174,23 @@ class Renderer:
 
         After a millisecond in which others had them, a tick takes several times as long.
         """
-        order, sensed, driven = self._read()
-        kept, done, output = self._decide(due, order, sensed, driven)
+        heard = self._read()
+        kept, done, output = self._decide(due, heard)
         self._practice.write(output)
-        self._shared.ring.put(self._sample(due, sensed, driven, done, output, kept))
+        self._shared.ring.put(self._sample(due, heard, done, output, kept))
 
     def stop(self) -> None:
         """Leave zero behind."""
         last = self._shared.output.read()
         self._shared.output.write(last._replace(voltage_v=0.0, output_on=False, flags=last.flags | Flag.FAULT))
 
-    def _read(self) -> tuple[Order, Sensed, Driven]:
-        """What control says; a new arming, target or surface is taken up."""
-        order = self._shared.order.read()
+    def _read(self) -> Heard:
+        """What others say; a new arming, target, surface or lead is taken up."""
+        order, played = self._shared.order.read(), self._shared.played.read()
         if order.surface != self._surface:
             self._take_up(order.surface)
+        if played.lead_s not in (0.0, self._lead_s) and self._settings.envelope:
+            self._be_ahead(played.lead_s)
         if order.arming != self._arming:
             self._forget(order)
         if order.target != self._target:
@@ -180,22 +198,38 @@ class Renderer:
             target = self._shared.targets.read(order.target) if order.target else Nothing()
             self._detail_m = target.detail_m
             self._tick_settings = replace(self._nothing, texture=target)
-        return order, self._shared.sensed.read(), self._shared.driven.read()
+        since_s = max(self._shared.driven.read().since_s, played.whole_s)
+        return Heard(order, self._shared.sensed.read(), since_s)
 
     def _take_up(self, number: int) -> None:
         """Render by another surface from here on, with the voltage as it is."""
-        before, controller = self._nothing.controller, Controller(self._shared.surfaces.read(number))
+        before, settings = self._nothing.controller, self._shared.surfaces.read(number)
+        controller = Controller(later_by(self._lead_s, settings))
         self._surface = number
         self._nothing = replace(self._nothing, controller=controller)
         self._tick_settings = replace(self._tick_settings, controller=controller)
         self._kept = self._kept._replace(state=_carried(controller, before, self._kept.state))
 
-    def _decide(self, due: Due, order: Order, sensed: Sensed, driven: Driven) -> tuple[Kept, Tick, Output]:
+    def _be_ahead(self, lead_s: float) -> None:
+        """Render for an envelope that is written so far ahead."""
+        more_s, self._lead_s = lead_s - self._lead_s, lead_s
+        controller = Controller(later_by(more_s, self._nothing.controller.settings))
+        finger = self._nothing.finger
+        finger = replace(finger, output_latency_s=finger.output_latency_s + more_s)
+        self._nothing = replace(self._nothing, controller=controller, finger=finger)
+        self._tick_settings = replace(self._tick_settings, controller=controller, finger=finger)
+
+    @property
+    def _latency_s(self) -> float:
+        """From a tick to the effect of what it decides."""
+        return self._nothing.finger.output_latency_s
+
+    def _decide(self, due: Due, heard: Heard) -> tuple[Kept, Tick, Output]:
         """What to put out; nothing is changed here."""
-        kept = self._kept
+        kept, (order, sensed, driven_since_s) = self._kept, heard
         overruns = kept.overruns + due.missed
         settings = self._tick_settings if order.rendering else self._nothing
-        state, done = tick(settings, kept.state, _finger_sample(sensed))
+        state, done = tick(settings, kept.state, _finger_sample(sensed, due.due_s))
         flags, trusted = kept.flags, False
         if order.rendering:
             doubts = self._doubts(order, sensed, due.due_s, done.finger)
@@ -216,11 +250,11 @@ class Renderer:
         if voltage_v < wanted_v:  # what was put out is where the next rise begins and what the finger has felt
             command = done.command._replace(voltage_v=voltage_v, output_on=voltage_v > 0.0)
             state = state._replace(drive=state.drive._replace(voltage_v=voltage_v), command=command)
-        if voltage_v > 0.0 and due.due_s < driven.since_s:  # on its way: what the finger feels of it teaches nothing
+        if voltage_v > 0.0 and due.due_s < driven_since_s:  # on its way: what the finger feels of it teaches nothing
             state = state._replace(command=state.command._replace(voltage_v=math.nan))
         output = Output(
             order.number, self._target, self._surface, due.number, self._clock(), done.command.frequency_hz, voltage_v,
-            voltage_v > 0.0, overruns, flags, done.target.cof,
+            voltage_v > 0.0, overruns, flags, done.target.cof, order.rendering and done.finger.in_contact,
         )  # fmt: skip
         return Kept(state, course_v2, ramp, flags, overruns), done, output
 
@@ -242,22 +276,23 @@ class Renderer:
         """Whether the finger may be where the texture asks for quite another friction."""
         return _speed_m_s(finger) * (age_s - self._settings.usual_s) > self._detail_m
 
-    def _sample(
-        self, due: Due, sensed: Sensed, driven: Driven, done: Tick, output: Output, kept: Kept
-    ) -> tuple[float, ...]:
+    def _sample(self, due: Due, heard: Heard, done: Tick, output: Output, kept: Kept) -> tuple[float, ...]:
         """The fields of SAMPLE."""
-        finger = done.finger
+        finger, sensed = done.finger, heard.sensed
         speed_m_s = _speed_m_s(finger)
         sliding = finger.in_contact and speed_m_s >= SLIDING_M_S and sensed.normal_force_n > 0.0
         known = sliding and not self._is_stale(sensed, due.due_s)
         measured = abs(sensed.lateral_force_n) / sensed.normal_force_n if known else math.nan
+        felt_s = sensed.force_time_s
+        target, expected = self._asked.at(felt_s - FINGER_LAG_M / max(speed_m_s, SLIDING_M_S))
         return (
             due.number, due.due_s, due.lateness_s, self._clock() - due.due_s - due.lateness_s,
             sensed.finger_time_s, sensed.position_x_m, sensed.position_y_m,
             finger.position_x_m, finger.position_y_m, speed_m_s,
             sensed.normal_force_n, sensed.lateral_force_n, finger.in_contact,
-            done.target.cof, done.wanted.cof, measured, kept.state.controller.estimate.gain,
-            output.frequency_hz, output.voltage_v, output.output_on and due.due_s >= driven.since_s, output.flags,
+            felt_s, target, expected, measured, due.due_s + self._latency_s, done.target.cof,
+            kept.state.controller.estimate.gain, output.frequency_hz, output.voltage_v,
+            output.output_on and due.due_s >= heard.driven_since_s, output.flags,
         )  # fmt: skip
 
 
@@ -283,13 +318,24 @@ def _noted(due: Due, done: Tick, state: TickState) -> int:
     return noted
 
 
-def _finger_sample(sensed: Sensed) -> FingerSample:
+def _finger_sample(sensed: Sensed, now_s: float) -> FingerSample:
     """The finger as the stages want it; one that the screen does not feel presses with 0 N."""
     return FingerSample(
-        sensed.finger_time_s, sensed.position_x_m, sensed.position_y_m,
+        sensed.finger_time_s,
+        sensed.position_x_m,
+        sensed.position_y_m,
         sensed.normal_force_n if sensed.touching else 0.0,
         math.nan if sensed.saturated else sensed.lateral_force_n,
-    )  # fmt: skip
+        now_s,
+    )
+
+
+def later_by(more_s: float, settings: ControllerSettings) -> ControllerSettings:
+    """A controller whose commands take so much longer to be felt."""
+    law = settings.feedback
+    if law is None or more_s == 0.0:
+        return settings
+    return replace(settings, feedback=law._replace(latency_s=law.latency_s + more_s))
 
 
 def main() -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from haptic_driver.daemon.envelope_process import BEHIND_S
 from haptic_driver.daemon.observation import ObserverSettings
 from haptic_driver.daemon.render_process import Nothing, RenderSettings
 from haptic_driver.processes.samples import Flag
 from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.parts.finger_trackers import STAGE_INTERVAL_S, EvdevFingerConfig, StageFingerConfig
 from haptic_driver.rig.tick_settings import tick_settings
@@ -28,8 +30,8 @@ class DaemonSettings:
 
     `rig` and `model` are the names that were given. `allow_no_rt`: real hardware without real-time scheduling.
     `amplifier_record`: a file in which simulated instruments write down what was at the electrode; `finger`: the
-    simulated one's function, as module:function. `carrier_hz`: the only carrier, in place of the rig's policy;
-    `feedback`: from measured friction.
+    simulated one's function, as module:function; `slide`: a file of what it does. `carrier_hz`: the
+    only carrier, in place of the rig's policy; `feedback`: from measured friction.
     """
 
     rig: str
@@ -40,6 +42,7 @@ class DaemonSettings:
     allow_no_rt: bool = False
     amplifier_record: Path | None = None
     finger: str | None = None
+    slide: Path | None = None
     carrier_hz: float | None = None
     feedback: bool = True
 
@@ -60,12 +63,11 @@ class DaemonSettings:
     @property
     def observed(self) -> ObserverSettings:
         """What the observer is told."""
-        return ObserverSettings(self.model, self.surface, self.config.operating_limits(), self.latency_budget_s)
+        return ObserverSettings(self.model, self.surface, self.config.operating_limits(), self.latency_budget_s())
 
-    @property
-    def latency_budget_s(self) -> dict[str, float]:
-        """See `latency_budget_s`."""
-        return latency_budget_s(self.config, self.render.period_s)
+    def latency_budget_s(self, lead_s: float = 0.0) -> dict[str, float]:
+        """See the function; with the lead of an envelope that its writer has told."""
+        return latency_budget_s(self.config, self.render.period_s, lead_s or self.render.lead_s)
 
 
 def daemon_settings(
@@ -80,35 +82,46 @@ def daemon_settings(
 
 def render_settings(config: RigConfig, surface: SurfaceFile, *, feedback: bool = True) -> RenderSettings:
     """How to render on one rig, with nothing to render yet; positions are extrapolated by the whole latency."""
-    latency_s = latency_budget_s(config, PERIOD_S)
-    feedback_latency_s = latency_s["total"] - latency_s["sensor"] - latency_s["tick"]
-    stages = tick_settings(
-        config, surface, Nothing(),
-        feedback_latency_s=feedback_latency_s if feedback else None, output_latency_s=latency_s["total"],
-    )  # fmt: skip
-    envelope = not isinstance(config.analog_output, NoAnalogOutput)
+    output = config.analog_output
+    envelope = not isinstance(output, NoAnalogOutput)
+    lead_s = 0.0 if isinstance(output, NoAnalogOutput) else output.lead_s or LEAST_LEAD_S
+    latency_s = latency_budget_s(config, PERIOD_S, lead_s)
+    since_tick_s = latency_s["total"] - latency_s["sensor"] - latency_s["tick"]
     usual_s = 2.0 * _sensor_period_s(config) + SCHEDULING_S
+    stages = tick_settings(
+        config,
+        surface,
+        Nothing(),
+        feedback_latency_s=since_tick_s if feedback else None,
+        output_latency_s=since_tick_s,
+        longest_age_s=usual_s,
+    )
     standing = int(Flag.FRICTION_FROM_CURRENT) if config.friction_from_current else 0
-    return RenderSettings(stages, envelope=envelope, period_s=PERIOD_S, usual_s=usual_s, standing_flags=standing)
+    return RenderSettings(
+        stages,
+        envelope=envelope,
+        lead_s=lead_s,
+        period_s=PERIOD_S,
+        usual_s=usual_s,
+        standing_flags=standing,
+    )
 
 
-def latency_budget_s(config: RigConfig, period_s: float) -> dict[str, float]:
+def latency_budget_s(config: RigConfig, period_s: float, lead_s: float) -> dict[str, float]:
     """Mean time from where the finger is to the voltage that belongs there, by where it is spent, and in all.
 
-    Waiting for the next sensor reading, tick and set point takes half a period each; an envelope is written ahead by
-    its lead, of which the last tick is yet to come. `output.latency_s` of the rig, measured from a command's wait to
-    its effect, has the rest.
+    Waiting for the next sensor reading, tick and set point takes half a period each. `output.latency_s` of the rig is
+    measured from a command's wait to its effect. An envelope is written ahead by `lead_s`, of which the tick that
+    writes it is yet to come; there `output.latency_s` is what the instruments take besides.
     """
-    output = config.analog_output
-    name, wait_s = "set_point", 0.5 * config.output.setpoint_interval_s
-    if not isinstance(output, NoAnalogOutput):
-        name, wait_s = "envelope", max(output.lead_s - period_s, 0.0)
-    parts = {
-        "sensor": 0.5 * _sensor_period_s(config),
-        "tick": 0.5 * period_s,
-        name: wait_s,
-        "instrument": max(config.output.latency_s - wait_s, 0.0),
-    }
+    parts = {"sensor": 0.5 * _sensor_period_s(config), "tick": 0.5 * period_s}
+    if isinstance(config.analog_output, NoAnalogOutput):
+        wait_s = 0.5 * config.output.setpoint_interval_s
+        instrument_s = max(config.output.latency_s - wait_s, 0.0)
+        parts |= {"set_point": wait_s, "instrument": instrument_s}
+    else:
+        ahead_s = max(lead_s - period_s, 0.0) + BEHIND_S
+        parts |= {"envelope": ahead_s, "instrument": config.output.latency_s}
     return parts | {"total": sum(parts.values())}
 
 

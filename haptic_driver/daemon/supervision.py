@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 
+from haptic_driver.daemon.envelope_process import EnvelopeSettings
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.instruments import Instruments, connect_real, connect_simulated
 from haptic_driver.daemon.messages import DaemonState, RefusedError
@@ -24,6 +25,8 @@ from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.errors import HapticError, message_of
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.shared_memory import SharedState
+from haptic_driver.rig.devices import modulation_input
+from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.rig import require_verified
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import SLIDING_M_S
@@ -37,7 +40,7 @@ LOST_S = 2.0  # so long: a silent render is started anew; sensors that fail or a
 RETRY_S, MOST_RETRY_S = 1.0, 30.0  # between attempts at that: twice as long each time, up to the most
 SILENCE_POLL_S = 0.005
 
-RENDER, INSTRUMENTS, WATCHDOG = "render", "instruments", "watchdog"
+RENDER, INSTRUMENTS, ENVELOPE, WATCHDOG = "render", "instruments", "envelope", "watchdog"
 
 _log = logging.getLogger(__name__)
 
@@ -96,6 +99,8 @@ class Supervisor:
             now_s, sensed = self._clock(), self._shared.sensed.read()
             last_s = {"the finger tracker": sensed.finger_time_s, "the force sensor": sensed.force_time_s}
             last_s["render"] = self._shared.output.read().time_s
+            if ENVELOPE in self._children:
+                last_s["the envelope's writer"] = self._shared.played.read().time_s
             silent = ", ".join(f"{who} is silent" for who, time_s in last_s.items() if now_s - time_s > OUTPUT_STALE_S)
             if not silent or now_s >= until_s or self._ending.wait(SILENCE_POLL_S):
                 return silent
@@ -118,9 +123,11 @@ class Supervisor:
         for name, child in list(self._children.items()):
             if (ended := child.ended) is not None and not self._ending.is_set():
                 self._lose(name, ended)
-        silent_s = self._clock() - self._shared.output.read().time_s
-        if not self.missing and silent_s > LOST_S:  # stopped, or hanging
-            self._lose(RENDER, f"render has said nothing for {silent_s:.2g} s")
+        said_s = {RENDER: self._shared.output.read().time_s, ENVELOPE: self._shared.played.read().time_s}
+        for name in said_s.keys() & self._children.keys():
+            silent_s = self._clock() - said_s[name]
+            if not self.missing and silent_s > LOST_S:  # stopped, or hanging
+                self._lose(name, f"{name} has said nothing for {silent_s:.2g} s")
         if now_s - self._looked_s >= LOOK_PERIOD_S:
             self._looked_s = now_s
             if self.instruments is not None and not self.missing:
@@ -175,19 +182,50 @@ class Supervisor:
         if granted["refused"]:
             _log.warning("render: %s", granted["refused"])
 
+    def _start_envelope(self) -> None:
+        """Start the writer of an analog output, if the rig has one."""
+        config = self.settings.config
+        modulation = modulation_input(config)
+        if modulation is None or isinstance(config.analog_output, NoAnalogOutput):
+            return
+        settings = EnvelopeSettings(
+            config.analog_output,
+            modulation,
+            config.output.voltage_rise_v_per_s,
+            self.endpoints.get("analog_output"),
+        )
+        if ENVELOPE in self._children:
+            self._children[ENVELOPE].kill()
+        child = Child(
+            ENVELOPE,
+            "haptic_driver.daemon.envelope_process",
+            [self._shared.descriptor, os.getpid()],
+            given=pickle.dumps(settings),
+            descriptors=[self._shared.descriptor],
+        )
+        self._children[ENVELOPE] = child
+        granted = child.ready(START_TIMEOUT_S)
+        if granted["refused"]:
+            _log.warning("envelope: %s", granted["refused"])
+
     def _begin_instruments(self) -> None:
         """Begin to start simulated instruments; real ones are there already."""
         if (settings := self.settings).config.simulated:
             record = [] if settings.amplifier_record is None else ["--record", settings.amplifier_record]
             finger = [] if settings.finger is None else ["--finger", settings.finger]
+            slide = [] if settings.slide is None else ["--slide", settings.slide]
             self._children[INSTRUMENTS] = Child(
-                INSTRUMENTS, "haptic_driver.simulation.process", [settings.rig, settings.model, *record, *finger]
+                INSTRUMENTS,
+                "haptic_driver.simulation.process",
+                [settings.rig, settings.model, *record, *finger, *slide],
             )
 
     def _connect_instruments(self) -> None:
         config = self.settings.config
         if config.simulated:
             self.endpoints = self._children[INSTRUMENTS].ready(START_TIMEOUT_S)["endpoints"]
+        self._start_envelope()  # at zero before there is a carrier
+        if config.simulated:
             self.instruments = connect_simulated(config, self.endpoints, self._orders.rig_says)
         else:
             self.instruments = connect_real(config, self._orders.rig_says, self._force_sensor)
@@ -279,6 +317,8 @@ class Supervisor:
             self._children[name].kill()
         if name == RENDER:
             self._start_render()
+        elif name == ENVELOPE:
+            self._start_envelope()
         elif name == WATCHDOG and self.instruments is not None:
             self.instruments.restart_watchdog()
         else:

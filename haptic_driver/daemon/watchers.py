@@ -80,7 +80,7 @@ def render(watched: Watched, now_s: float) -> None:
 
 def underruns(watched: Watched, now_s: float) -> None:
     """Gaps of an analog envelope since the last time that some were told."""
-    count = watched.orders.pump.underruns
+    count = watched.shared.played.read().underruns
     if count > watched.underruns and now_s - watched.underrun_s >= UNDERRUN_TOLD_S:
         watched.underruns, watched.underrun_s = count, now_s
         watched.orders.raise_flag(Flag.UNDERRUN)

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 NICENESS = -10  # of control: weighs ten times an ordinary process
 LEAST = 19  # niceness of who works when nobody else does
 SWITCH_INTERVAL_S = 5e-4  # of the interpreter's threads; 5 ms where nobody asks
+RUNAWAY_S = 1.0
 PRIORITY = 80  # of SCHED_FIFO, above threaded interrupt handlers (50)
 SPIN_S = 260e-6  # longer than most wake-ups and a rehearsal take; it costs 26 % of a core
 FIRST_REHEARSAL_S = 180e-6  # longer than one takes that has everything to fetch from memory
@@ -39,8 +40,15 @@ class RealTime(NamedTuple):
 
 
 def enter(priority: int = PRIORITY) -> RealTime:
-    """Ask for real-time scheduling and locked memory; keep the processor awake while this process lives."""
+    """Ask for real-time scheduling and locked memory; keep the processor awake while this process lives.
+
+    The kernel kills it when it computes for `RUNAWAY_S` without a pause: on that priority nobody else could.
+    """
     refused = []
+    with suppress(ImportError, OSError, ValueError):
+        import resource  # noqa: PLC0415 - not on Windows
+
+        resource.setrlimit(resource.RLIMIT_RTTIME, (round(1e6 * RUNAWAY_S),) * 2)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
         scheduled = True
@@ -116,8 +124,8 @@ class Due(NamedTuple):
 class Metronome:
     """Instants `period_s` apart. Those that are missed are counted and left out, never made up for in a burst.
 
-    Numbers go on from `number`. The last `spin_s` before an instant are waited for awake: waking up takes tens of
-    microseconds, which is then over when the instant comes.
+    Numbers go on from `number`, which is that of `began_s`: now, unless another time is given. The last `spin_s`
+    before an instant are waited for awake: waking up takes tens of microseconds, which is then over when it comes.
     """
 
     def __init__(
@@ -126,6 +134,7 @@ class Metronome:
         number: int = 0,
         *,
         spin_s: float = 0.0,
+        began_s: float | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep_until: Callable[[float], None] = sleep_until,
     ) -> None:
@@ -133,7 +142,7 @@ class Metronome:
         self._clock = clock
         self._sleep_until = sleep_until
         self._spin_s = spin_s
-        self._began_s = clock()
+        self._began_s = clock() if began_s is None else began_s
         self._number = self._first = number
 
     def wait(self, rehearse: Callable[[Due], object] | None = None) -> Due:

@@ -45,9 +45,12 @@ SAMPLE = np.dtype(
         ("normal_force_n", "f8"),
         ("lateral_force_n", "f8"),
         ("in_contact", "u1"),
-        ("target_cof", "f8"),  # NaN where nothing is asked
+        ("felt_time_s", "f8"),  # of the force reading, to which the next three belong
+        ("target_cof", "f8"),  # of the moment that was felt, latency and lag taken out; NaN where nothing was asked
         ("expected_cof", "f8"),
         ("measured_cof", "f8"),  # NaN without sliding contact
+        ("asked_time_s", "f8"),  # when what this tick decides acts on the finger
+        ("asked_cof", "f8"),  # of that moment
         ("feedback_gain", "f8"),  # the finger's estimated gain
         ("frequency_hz", "f8"),
         ("voltage_v", "f8"),  # peak at the electrode, as commanded

@@ -12,6 +12,7 @@ import os
 import pickle
 import struct
 import zlib
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar, cast, get_type_hints
 
 import numpy as np
@@ -31,7 +32,8 @@ SLOT_BYTES = 256
 _HEADER_BYTES = 16  # of a slot
 _RING_HEADER_BYTES = 64
 ATTEMPTS = 8  # at a copy that a writer keeps disturbing
-_FORMATS = {float: "d", int: "q", bool: "?"}
+TEXT_BYTES = 120
+_FORMATS = {float: "d", int: "q", bool: "?", str: f"{TEXT_BYTES}s"}
 _CELLS = {"f8": "d", "u8": "Q", "u4": "I", "u1": "B"}
 
 
@@ -68,6 +70,7 @@ class Output(NamedTuple):
     """What render puts out; `order`, `target` and `surface` are the numbers of those it followed.
 
     `tick` counts instants, `overruns` those that were missed. `flags` of `samples.Flag`; `time_s` when it was written.
+    `in_contact`: a finger is there for which something is rendered, even at 0 V.
     """
 
     order: int
@@ -81,21 +84,42 @@ class Output(NamedTuple):
     overruns: int
     flags: int
     target_cof: float
+    in_contact: bool
 
 
 class Driven(NamedTuple):
-    """Since when render's outputs have been reaching the electrode, but for the usual latency; inf while they do not.
+    """What may go out and since when it does, from control's pump to render and to the writer of an envelope.
 
-    From control's pump to render.
+    `gate`: the first order whose output may go out, CLOSED while none may. `since_s`: from when on outputs reach the
+    electrode, but for the usual latency; inf while they do not. `carrier_hz` is the one that is out, NaN for none, and
+    `full_scale_v` its voltage where an envelope is at its highest.
     """
 
+    gate: int
     since_s: float
+    carrier_hz: float
+    full_scale_v: float
+
+
+class Played(NamedTuple):
+    """What the writer of an envelope says: when it said so, gaps so far, and when the last one ended.
+
+    `lead_s`: so far ahead it writes. `failure` is what its output could not do, in words; empty while all is well.
+    """
+
+    time_s: float
+    underruns: int
+    whole_s: float
+    lead_s: float
+    failure: str
 
 
 NOTHING_SENSED = Sensed(-np.inf, np.nan, np.nan, False, -np.inf, 0.0, 0.0, False)
 NO_ORDER = Order(0, 0, False, -np.inf, -np.inf, 0, 0)
-NO_OUTPUT = Output(0, 0, 0, 0, -np.inf, 0.0, 0.0, False, 0, 0, np.nan)
-NOT_DRIVEN = Driven(np.inf)
+NO_OUTPUT = Output(0, 0, 0, 0, -np.inf, 0.0, 0.0, False, 0, 0, np.nan, False)
+CLOSED = -1
+NOT_DRIVEN = Driven(CLOSED, np.inf, np.nan, 0.0)
+NOT_PLAYED = Played(-np.inf, 0, -np.inf, 0.0, "")
 
 Values = TypeVar("Values", bound=tuple[Any, ...])
 Kept = TypeVar("Kept")
@@ -109,7 +133,9 @@ class Slot(Generic[Values]):
     """
 
     def __init__(self, memory: memoryview, initial: Values) -> None:
-        kinds = "".join(_FORMATS[kind] for kind in get_type_hints(type(initial)).values())
+        fields = list(get_type_hints(type(initial)).values())
+        kinds = "".join(_FORMATS[kind] for kind in fields)
+        self._text = fields.index(str) if str in fields else None
         self._content = struct.Struct("=" + kinds)
         self._whole = struct.Struct("=QI4x" + kinds)  # sequence number, checksum, content
         assert self._whole.size <= len(memory)
@@ -124,7 +150,7 @@ class Slot(Generic[Values]):
     def write(self, values: Values) -> None:
         """Replace the record."""
         sequence = self._sequence[0] | 1  # a writer that was killed left it odd
-        content = self._content.pack(*values)
+        content = self._content.pack(*self._encoded(values))
         self._sequence[0] = sequence
         self._body[:] = content
         self._check[0] = zlib.crc32(content, (sequence + 1) & 0xFFFFFFFF)
@@ -140,9 +166,22 @@ class Slot(Generic[Values]):
             if sequence & 1 or self._sequence[0] != sequence:
                 continue
             if zlib.crc32(copy[_HEADER_BYTES:], sequence & 0xFFFFFFFF) == check:
-                self._newest, self._newest_sequence = self._make(values), sequence
+                self._newest, self._newest_sequence = self._make(self._decoded(values)), sequence
                 break
         return self._newest
+
+    def _encoded(self, values: Values) -> Sequence[Any]:
+        """A record may have one text, which is cut where it is too long."""
+        if self._text is None:
+            return values
+        text: str = values[self._text]
+        encoded = text.encode(errors="replace")[:TEXT_BYTES]
+        return *values[: self._text], encoded, *values[self._text + 1 :]
+
+    def _decoded(self, values: list[Any]) -> list[Any]:
+        if self._text is not None:
+            values[self._text] = values[self._text].rstrip(b"\0").decode(errors="replace")
+        return values
 
 
 class Taken(NamedTuple):
@@ -246,7 +285,8 @@ def _aligned(offset: int) -> int:
     return -(-offset // 64) * 64
 
 
-_RING_AT = 4 * SLOT_BYTES
+_SLOTS = 5
+_RING_AT = _SLOTS * SLOT_BYTES
 _COURSES_AT = _RING_AT + _RING_HEADER_BYTES + RING_SAMPLES * SAMPLE.itemsize
 _TARGETS_AT = -(-(_COURSES_AT + _RING_HEADER_BYTES + RING_COURSES * COURSE.itemsize) // 4096) * 4096
 _SURFACES_AT = _TARGETS_AT + 2 * TARGET_BYTES
@@ -265,11 +305,12 @@ class SharedState:
         self.descriptor = descriptor
         self._map = mmap.mmap(descriptor, _TOTAL_BYTES)
         memory = memoryview(self._map)
-        slots = [memory[i * SLOT_BYTES : (i + 1) * SLOT_BYTES] for i in range(4)]
+        slots = [memory[i * SLOT_BYTES : (i + 1) * SLOT_BYTES] for i in range(_SLOTS)]
         self.sensed = Slot(slots[0], NOTHING_SENSED)
         self.order = Slot(slots[1], NO_ORDER)
         self.output = Slot(slots[2], NO_OUTPUT)
         self.driven = Slot(slots[3], NOT_DRIVEN)
+        self.played = Slot(slots[4], NOT_PLAYED)
         self.ring = Ring(memory[_RING_AT:_COURSES_AT], SAMPLE, RING_SAMPLES)
         self.courses = Ring(memory[_COURSES_AT:_TARGETS_AT], COURSE, RING_COURSES)
         self.targets: Store[Target] = Store(memory[_TARGETS_AT:_SURFACES_AT])

@@ -44,7 +44,6 @@ CLEAR = 1.0 - 1e-9  # of a limit: kept clear of it against rounding
 CORRECTION_ROUNDS = 4
 FREQUENCY_ROUNDS = 2  # of them choose the frequency too; later ones find the voltage alone
 USUAL_SHARE = 0.5  # of the highest voltage, where there is none
-CAUTION_CUTS = 20  # halvings of the rise; leaves 1e-6 of it
 LEAST_V = 1.0  # below, a voltage tells nothing of the rise
 
 
@@ -216,7 +215,7 @@ def chosen(
     """Frequency, what the surface says there, and the correction's factors: cof = off_gain off + rise_gain rise.
 
     The factors depend on the drive that the target asks for, so both are found together, in a few rounds.
-    Then the rise is cut back until the friction expected plus one standard deviation is within `margin` of the target.
+    Of a finger that is little known less is asked.
     """
     surface, gains, force_n = control.surface, known.gains, finger.normal_force_n
     low = cof_at(surface, IDLE_HZ, 0.0, force_n)  # the same at any frequency
@@ -229,7 +228,7 @@ def chosen(
             frequency_hz = best_or_present(control, wanted, force_n, present_hz)
         inverse = invert(surface, wanted, frequency_hz, force_n, control.caps)
     if known.cautious:
-        careful = careful_cof(gains, factors, low, inverse.cof, (1.0 + control.law.margin) * target_cof)
+        careful = careful_cof(gains, factors, low, target_cof, control.law.caution)
         inverse = invert(surface, careful, frequency_hz, force_n, control.caps)
     return frequency_hz, inverse, factors
 
@@ -241,21 +240,16 @@ def on_surface(gains: Gains, factors: Factors, low: float, target_cof: float) ->
 
 
 @kernel
-def careful_cof(gains: Gains, factors: Factors, low: float, cof: float, most: float) -> float:
-    """The friction up to `cof` of which this finger feels at most `most`, one standard deviation included."""
-    off, whole = factors.off * low, factors.rise * (cof - low)
-    kept, above, tried = 0.0, whole, whole
-    for _ in range(CAUTION_CUTS):
-        variance = gains.off_variance * off * off + 2.0 * gains.covariance * off * tried
-        variance += gains.rise_variance * tried * tried
-        if gains.off * off + gains.rise * tried + np.sqrt(max(variance, 0.0)) > most:
-            above = tried
-        elif tried == whole:
-            return cof
-        else:
-            kept = tried
-        tried = 0.5 * (kept + above)
-    return low + kept / factors.rise
+def careful_cof(gains: Gains, factors: Factors, low: float, target_cof: float, caution: float) -> float:
+    """The surface's friction that is best for a finger whose gains are uncertain.
+
+    It minimises (expected friction - target)^2 + caution * variance of friction: cautious control (Astrom and
+    Wittenmark, Adaptive Control, 1995, ch. 7). What is known is met, whatever the target; of the rest less is asked.
+    """
+    off = factors.off * low
+    wanted = gains.rise * (target_cof - gains.off * off) - caution * gains.covariance * off
+    rise = wanted / (gains.rise * gains.rise + caution * gains.rise_variance)
+    return low + max(rise, 0.0) / factors.rise
 
 
 @kernel
@@ -386,8 +380,7 @@ def along(
     for m in range(target_cof.size):
         wanted = on_surface(gains, factors, low, target_cof[m])
         if cautious:
-            most_cof = (1.0 + control.law.margin) * target_cof[m]
-            wanted = careful_cof(gains, factors, low, high if wanted > high else wanted, most_cof)
+            wanted = careful_cof(gains, factors, low, target_cof[m], control.law.caution)
         if wanted >= high:
             voltage_v[m], peak_cof = most.voltage_v, high
         elif wanted > low:  # not for NaN

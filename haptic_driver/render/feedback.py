@@ -66,8 +66,8 @@ class FeedbackSettings(NamedTuple):
     `deviation` and `correlation` of the two gains from finger to finger, before anything was measured. `lowest_gain`,
     `highest_gain`: bounds. `slowest_m_s`, `settled_m`: slower, and before that way in one stroke, nothing is learnt.
     `cutoff_hz_per_m_s`: friction follows voltage with a first-order lag of that cut-off per speed (13.8 Hz per mm/s,
-    arXiv 2505.11162). `margin`: by how much friction may exceed the target, one standard deviation of the gains
-    included.
+    arXiv 2505.11162). `caution`: what variance of the friction counts for, against the squared error expected; above
+    1, since rising friction is felt more strongly than falling (10.1109/TOH.2018.2830790, abstract).
     """
 
     latency_s: float
@@ -81,7 +81,7 @@ class FeedbackSettings(NamedTuple):
     slowest_m_s: float = 0.003
     settled_m: float = 0.0003
     cutoff_hz_per_m_s: float = 13.8e3
-    margin: float = 0.035
+    caution: float = 4.0
 
 
 class Gains(NamedTuple):

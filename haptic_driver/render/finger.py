@@ -17,14 +17,16 @@ SHORTEST_INTERVAL = 0.01
 class FingerSettings:
     """Contact begins at `contact_on_n` and ends below `contact_off_n` of normal force.
 
-    `velocity_time_constant_s` smooths the velocity; `output_latency_s` is the time from a sample until the output
-    computed from it acts on the finger.
+    `velocity_time_constant_s` smooths the velocity; `output_latency_s` is the time from a tick until the output that
+    it decides acts on the finger. A reading is extrapolated to its tick by `longest_age_s` at most: after longer the
+    tracker may have nothing new to say because the finger stands still.
     """
 
     contact_on_n: float = 0.08
     contact_off_n: float = 0.05
     velocity_time_constant_s: float = 0.010
     output_latency_s: float = 0.0
+    longest_age_s: float = 0.02
 
     def __post_init__(self) -> None:
         """Refuse settings that have no meaning."""
@@ -44,7 +46,13 @@ class FingerSettings:
             raise BadInputError(
                 "bad_finger_settings",
                 f"output_latency_s {self.output_latency_s} is not a time of zero or more",
-                "choose the measured time from a sample until the output acts",
+                "choose the measured time from a tick until the output acts",
+            )
+        if not 0.0 <= self.longest_age_s < math.inf:
+            raise BadInputError(
+                "bad_finger_settings",
+                f"longest_age_s {self.longest_age_s} is not a time of zero or more",
+                "choose some report intervals of the tracker",
             )
 
 
@@ -75,23 +83,26 @@ def track(settings: FingerSettings, state: FingerTracking, sample: FingerSample)
     A sample that is not finite or goes back in time is no contact, with position NaN and force zero; the next good one
     starts a new touch. A repeated time leaves the velocity as it was: the stage cannot see that a tracker stands still.
     """
+    now_s = sample.now_s if math.isfinite(sample.now_s) else sample.time_s
     if not _is_finite(sample):
-        return _lost(state.time_s)
+        return _lost(state.time_s, now_s)
     if sample.time_s < state.time_s:
-        return _lost(sample.time_s)
+        return _lost(sample.time_s, now_s)
     if sample.normal_force_n < (settings.contact_off_n if state.in_contact else settings.contact_on_n):
-        return INITIAL._replace(time_s=sample.time_s), _as_seen(sample)
+        return INITIAL._replace(time_s=sample.time_s), _as_seen(sample, now_s)
     if not state.in_contact:
-        return _touched(sample), _as_seen(sample)._replace(in_contact=True)
+        return _touched(sample), _as_seen(sample, now_s)._replace(in_contact=True)
 
     state = _follow(settings, state, sample)
     vx_m_s, vy_m_s = state.velocity_x_m_s, state.velocity_y_m_s
-    x_m = sample.position_x_m + vx_m_s * settings.output_latency_s
-    y_m = sample.position_y_m + vy_m_s * settings.output_latency_s
+    age_s = min(max(now_s - sample.time_s, 0.0), settings.longest_age_s)
+    ahead_s = age_s + settings.output_latency_s
+    x_m = sample.position_x_m + vx_m_s * ahead_s
+    y_m = sample.position_y_m + vy_m_s * ahead_s
     if not (math.isfinite(x_m) and math.isfinite(y_m)):
-        return _lost(sample.time_s)
+        return _lost(sample.time_s, now_s)
     force_n, lateral_n = sample.normal_force_n, sample.lateral_force_n
-    return state, FingerState(sample.time_s, x_m, y_m, vx_m_s, vy_m_s, force_n, True, lateral_n)
+    return state, FingerState(now_s, x_m, y_m, vx_m_s, vy_m_s, force_n, True, lateral_n)
 
 
 def _follow(settings: FingerSettings, state: FingerTracking, sample: FingerSample) -> FingerTracking:
@@ -115,15 +126,15 @@ def _touched(sample: FingerSample) -> FingerTracking:
     )
 
 
-def _as_seen(sample: FingerSample) -> FingerState:
+def _as_seen(sample: FingerSample, now_s: float) -> FingerState:
     """The sample itself: no contact, no velocity."""
-    return FingerState(
-        sample.time_s, sample.position_x_m, sample.position_y_m, 0.0, 0.0, sample.normal_force_n, in_contact=False
-    )
+    x_m, y_m = sample.position_x_m, sample.position_y_m
+    return FingerState(now_s, x_m, y_m, 0.0, 0.0, sample.normal_force_n, in_contact=False)
 
 
-def _lost(time_s: float) -> tuple[FingerTracking, FingerState]:
-    return INITIAL._replace(time_s=time_s), FingerState(time_s, math.nan, math.nan, 0.0, 0.0, 0.0, in_contact=False)
+def _lost(time_s: float, now_s: float) -> tuple[FingerTracking, FingerState]:
+    nowhere = FingerState(now_s, math.nan, math.nan, 0.0, 0.0, 0.0, in_contact=False)
+    return INITIAL._replace(time_s=time_s), nowhere
 
 
 def _is_finite(sample: FingerSample) -> bool:

@@ -55,5 +55,5 @@ def tick(settings: TickSettings, state: TickState, sample: FingerSample) -> tupl
     target = texture.target(settings.texture, felt)
     control, wanted = settings.controller.step(state.controller, target, felt, state.command)
     guard, safe = safety.gate(settings.limits, state.safety, wanted)
-    driven, command = drive.drive(settings.drive, state.drive, safe, sample.time_s)
+    driven, command = drive.drive(settings.drive, state.drive, safe, felt.time_s)
     return TickState(tracking, control, guard, driven, command), Tick(felt, target, wanted, safe, command)

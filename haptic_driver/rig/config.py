@@ -225,11 +225,15 @@ class StageConfig(Section):
 
 
 class OutputConfig(Section):
-    """How commands reach the electrode."""
+    """How commands reach the electrode.
+
+    `linger_s`: with nothing to put out the generator stays on, at its lowest, for so long after the finger was there.
+    """
 
     setpoint_interval_s: Annotated[FiniteFloat, Field(ge=0.001, le=1.0)] = 0.010
     latency_s: Annotated[FiniteFloat, Field(ge=0.0, le=1.0)] = 0.0
     voltage_rise_v_per_s: Positive = 10e3
+    linger_s: Annotated[FiniteFloat, Field(ge=0.0, le=60.0)] = 10.0
 
 
 class FingerConfig(Section):

@@ -27,6 +27,7 @@ from haptic_driver.rig.part import (
     Wiring,
     make_part,
 )
+from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.rig import Rig
 from haptic_driver.rig.states import RigEvent
 from hw.analog.lines import AnalogInput, DigitalInput, DigitalOutput, Heartbeat
@@ -109,11 +110,13 @@ def connect_devices(
     on_event: Callable[[RigEvent], None] = lambda event: None,
     transport: Transport | None = None,
     before: ForceSensor | None = None,
+    envelope: bool = True,
 ) -> Devices:
     """The drivers of the devices that `config` names; nothing is opened before the result is entered.
 
     With an analog output the generator's amplitude follows it. `transport` stands in for the generator's, e.g. one that
     records. `before`: the force sensor of an earlier connection, whose bias is kept, since a finger may press now.
+    Without `envelope` the analog output is somebody else's to open, before these.
     Raises BadInputError for a rig without hardware.
     """
     if config.simulated:
@@ -124,7 +127,7 @@ def connect_devices(
     tracker = parts.tracker(stage)
     watchdog = parts.watchdog()
     enable, heartbeats = parts.interlock()
-    output = parts.analog_output()
+    output = parts.analog_output() if envelope else None
     monitors = parts.electrode_monitors()
     amplifier = config.amplifier
     lines = Wiring(
@@ -136,7 +139,7 @@ def connect_devices(
     beaten = [*heartbeats, *([watchdog] if watchdog else [])]
     rig = build_rig(
         config, transport or generator_transport(config), force_sensor, lines,
-        modulated=output is not None, heartbeats=beaten, on_event=on_event,
+        modulated=not isinstance(config.analog_output, NoAnalogOutput), heartbeats=beaten, on_event=on_event,
     )  # fmt: skip
     opening = [*parts.before_rig, rig.connect, *parts.after_rig]
     return Devices(rig, force_sensor, tracker, stage, output, watchdog, opening, parts.closing, monitors)

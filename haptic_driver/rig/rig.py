@@ -95,6 +95,11 @@ class Rig:
         return self._states.shown
 
     @property
+    def minimum_voltage_v(self) -> float:
+        """The lowest voltage that the generator can set while its output is on."""
+        return self._generator.minimum_voltage_v
+
+    @property
     def events(self) -> Sequence[RigEvent]:
         """The last changes of state, oldest first."""
         return tuple(self._states.events)

@@ -19,11 +19,13 @@ def tick_settings(
     *,
     feedback_latency_s: float | None = None,
     output_latency_s: float | None = None,
+    longest_age_s: float = FingerSettings.longest_age_s,
 ) -> TickSettings:
     """The stages of one rig, told about a surface and a texture.
 
     `feedback_latency_s`: from a set point to its effect, for feedback from measured friction; None renders without.
-    `output_latency_s`: by which the finger's position is extrapolated; None takes the rig's.
+    `output_latency_s`: by which the finger's position is extrapolated from a tick on; None takes the rig's.
+    `longest_age_s`: up to which a reading is extrapolated to its tick.
     """
     limits = config.operating_limits()
     controller = ControllerSettings(
@@ -34,7 +36,7 @@ def tick_settings(
         feedback=None if feedback_latency_s is None else FeedbackSettings(feedback_latency_s),
     )
     latency_s = config.output.latency_s if output_latency_s is None else output_latency_s
-    finger = FingerSettings(**config.finger.model_dump(), output_latency_s=latency_s)
+    finger = FingerSettings(**config.finger.model_dump(), output_latency_s=latency_s, longest_age_s=longest_age_s)
     return TickSettings(
         finger, texture, Controller(controller), limits, DriveSettings(config.output.voltage_rise_v_per_s)
     )

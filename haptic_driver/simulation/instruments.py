@@ -12,7 +12,7 @@ from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
 from haptic_driver.simulation.friction import FrictionLaw
 from hw.amplifier.simulated import SimulatedAmplifier
-from hw.analog.simulated_output import SimulatedCard
+from hw.analog.simulated_output import CardMemory
 from hw.finger.plant import FingerPlant
 from hw.force.net_ft import NetFtScale
 from hw.force.net_ft_server import NetFtServer
@@ -33,7 +33,8 @@ class SimulatedInstruments(RunningTogether):
     methods. `friction` is the finger's, `finger_gain` multiplies it. `contact` is in series with the amplifier's enable
     line. `wrap` may put something between the generator and its socket, such as faults. `on_drive` hears (frequency_hz,
     voltage_v) whenever what is at the electrode may have changed. Without `force_rate_hz` the force sensor sends by
-    `force_box.emit` alone, pressing along -z and sliding along x.
+    `force_box.emit` alone, pressing along -z and sliding along x. `card` stands in for one of this process alone.
+    `time_s` is what a card plays by; it may be set to that of a clock before time passes.
     """
 
     def __init__(
@@ -46,11 +47,14 @@ class SimulatedInstruments(RunningTogether):
         on_drive: Callable[[float, float], object] = lambda frequency_hz, voltage_v: None,
         force_rate_hz: float | None = None,
         generator_port: int = 0,
+        card: CardMemory | None = None,
     ) -> None:
         simulation, output = config.simulation, config.analog_output
         self.amplifier = simulated_amplifier(config, contact)
         self.generator = simulated_generator(config, self._drive)
-        self.card = SimulatedCard(output.zero_level_v) if isinstance(output, SimulatedAnalogOutputConfig) else None
+        has_card = isinstance(output, SimulatedAnalogOutputConfig)
+        self.card = (card or CardMemory()) if has_card else None
+        self.time_s = 0.0
         self.finger_gain = 1.0
         self._friction = friction
         self.speed_m_s = 0.0
@@ -69,9 +73,9 @@ class SimulatedInstruments(RunningTogether):
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
         """Let `dt_s` pass with the finger pressing and sliding so; the outputs act on it."""
+        before_s, self.time_s = self.time_s, self.time_s + dt_s
         if self.card is not None:
-            self.card.advance(dt_s)
-            self.generator.set_modulation_input(self.card.terminal_v)
+            self.generator.set_modulation_input(self.card.terminal_v(before_s, self.time_s))
         self.generator.advance(dt_s)
         output = self.generator.output()
         voltage_v = self.amplifier.step(dt_s, output)

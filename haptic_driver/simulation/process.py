@@ -1,10 +1,11 @@
 """The simulated instruments of a rig in a process of their own: real bytes on loopback, the model's physics behind.
 
-    python -m haptic_driver.simulation.process RIG MODEL [--record FILE] [--finger module:function]
+    python -m haptic_driver.simulation.process RIG MODEL [--record FILE] [--finger module:function] [--slide FILE]
 
 says its endpoints on standard output, as one JSON line, once it serves. It ends on SIGTERM, or a while after its
 standard input closes: instruments outlive a driver that dies, so that whoever else watches can switch them off.
-`--finger` is a finger of your own, as `haptic measure` takes one. `--record` keeps what really was at the electrode: a
+`--finger` is a finger of your own, as `haptic measure` takes one; `--slide` is what it does, again and again, as
+`haptic demo --trace` takes it. `--record` keeps what really was at the electrode: a
 line `time_s frequency_hz voltage_v` for every change, on CLOCK_MONOTONIC.
 """
 
@@ -24,7 +25,7 @@ from haptic_driver.processes import parent
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import Metronome
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.rig.slide import Slide, synthetic_slide
+from haptic_driver.rig.slide import TICK_S, Slide, read_slide, synthetic_slide
 from haptic_driver.simulation.finger_function import load_finger
 from haptic_driver.simulation.friction import ElectrodeLaw, FrictionLaw, electrode_of, surface_friction, with_hidden
 from haptic_driver.simulation.instruments import SimulatedInstruments
@@ -32,7 +33,7 @@ from haptic_driver.simulation.lines import PANEL, LinesServer
 from haptic_driver.simulation.rig import electrode_monitors
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.models import load_model
-from hw.analog.served_output import AnalogOutputServer
+from hw.analog.simulated_output import CardMemory
 from hw.finger.simulated_touch_screen import SimulatedTouchScreen
 from hw.monitor.contract import ElectrodeReading
 from hw.monitor.simulated import ElectrodeState
@@ -41,6 +42,7 @@ from hw.transport.running import RunningTogether
 from model.touch_model import TouchModel
 
 STEP_S = 0.001
+MOST_STEPS = 50  # at once; a machine that is slower than the simulation would never catch up
 LINGER_S = 2.0
 FINGER_Y_M = 0.030
 TOUCH_N = 0.02  # from this force on the screen feels the finger
@@ -62,23 +64,22 @@ class SlidingFinger(RunningTogether):
     ) -> None:
         recording = None if record is None else _Record(record)
         on_drive = recording.note if recording else lambda frequency_hz, voltage_v: None
-        self.instruments = SimulatedInstruments(config, friction, on_drive=on_drive)
+        card, self._card = CardMemory.create()
+        self._began_s = time.monotonic()
+        self.instruments = SimulatedInstruments(config, friction, on_drive=on_drive, card=card)
+        self.instruments.time_s = self._began_s
         self._slide = slide or synthetic_slide()
         self._speed_m_s = self._slide.speed_m_s
-        self._began_s = time.monotonic()
-        self._screen = SimulatedTouchScreen(PANEL, clock=time.monotonic)
+        self._screen = SimulatedTouchScreen(PANEL, clock=lambda: self.instruments.time_s)
         self._config, self._electrode = config, electrode
         self._monitors = electrode_monitors(config, self._electrode_state)
         self._lines_server = TcpServer(LinesServer(self.instruments, self._read_electrode))
         self._touch_server = _TouchServer(self._screen)
-        card = self.instruments.card
-        self._card_server = None if card is None else TcpServer(AnalogOutputServer(card))
         super().__init__(
             *([closing(recording)] if recording else []),
             self.instruments,
             self._lines_server,
             closing(self._touch_server),
-            *([self._card_server] if self._card_server else []),
         )
 
     @property
@@ -91,21 +92,29 @@ class SlidingFinger(RunningTogether):
             "force_sensor": f"{force_box.host}:{force_box.port}",
             "touch_screen": f"127.0.0.1:{self._touch_server.port}",
         }
-        return always if self._card_server is None else always | {"analog_output": self._card_server.resource}
+        here = f"/proc/{os.getpid()}/fd/{self._card}"
+        return always if self.instruments.card is None else always | {"analog_output": here}
 
     def step(self, dt_s: float) -> None:
-        """Let `dt_s` pass: the finger moves on, the outputs act on it, the sensors tell."""
+        """Let `dt_s` pass: the finger moves on, the outputs act on it, the sensors tell.
+
+        What a busy machine missed has happened all the same, in steps as short as ever up to a limit.
+        """
+        steps = min(round(dt_s / STEP_S), MOST_STEPS) or 1
+        for _ in range(steps):
+            self._move(dt_s / steps)
+        self._touch_server.pump()
+        self.instruments.force_box.emit(1)
+
+    def _move(self, dt_s: float) -> None:
         slide = self._slide
-        duration_s = float(slide.time_s[-1] - slide.time_s[0])
-        place = int((time.monotonic() - self._began_s) % duration_s / duration_s * slide.time_s.size)
+        place = round((self.instruments.time_s + dt_s - self._began_s) / TICK_S) % slide.time_s.size
         force_n, x_m = float(slide.normal_force_n[place]), float(slide.position_m[place])
         self.instruments.step(dt_s, force_n, float(self._speed_m_s[place]))
         if force_n >= TOUCH_N:
             self._screen.put(x_m, FINGER_Y_M)
         else:
             self._screen.lift()
-        self._touch_server.pump()
-        self.instruments.force_box.emit(1)
 
     def _read_electrode(self, frequency_hz: float) -> ElectrodeReading | None:
         """What the first monitor that tells this carrier reads."""
@@ -181,6 +190,7 @@ def main() -> None:
     parser.add_argument("model")
     parser.add_argument("--record", type=Path)
     parser.add_argument("--finger")
+    parser.add_argument("--slide", type=Path)
     given = parser.parse_args()
     config = load_rig(given.rig)
     ended = threading.Event()
@@ -189,12 +199,13 @@ def main() -> None:
     with compilation_said("simulated instruments"):
         friction, electrode = _finger(config, given.model, given.finger)
         friction(1e3, 50.0, 0.5, 0.02, 0.0)  # made ready before time passes
-    with SlidingFinger(config, friction, record=given.record, electrode=electrode) as served:
+    slide = None if given.slide is None else read_slide(given.slide)
+    with SlidingFinger(config, friction, slide, given.record, electrode) as served:
         parent.tell({"endpoints": served.endpoints})
         threading.Thread(target=_linger, args=(ended,), daemon=True).start()
-        metronome = Metronome(STEP_S)
+        metronome = Metronome(STEP_S, began_s=served.instruments.time_s)
         while not ended.is_set():
-            served.step((metronome.wait().missed + 1) * STEP_S)
+            served.step((1 + metronome.wait().missed) * STEP_S)
 
 
 def _finger(config: RigConfig, model: str, finger: str | None) -> tuple[FrictionLaw, ElectrodeLaw]:

@@ -35,7 +35,8 @@ class AnalogOutputSettings:
     33220A's class takes -5 V..+5 V for 0..100 %, so that 0 V, or an open input, is half the amplitude (stated for
     sibling instruments, not verified on the 33220A).
     No more than `buffer_s` may wait in the buffer, which bounds the delay. A held level other than zero ends after
-    `lease_s` unless held again. No call takes much longer than `timeout_s`.
+    `lease_s` unless held again. A stream that runs dry stays at its last sample for `gap_s`, in which it may go on.
+    No call takes much longer than `timeout_s`.
     """
 
     low_v: float
@@ -45,10 +46,11 @@ class AnalogOutputSettings:
     buffer_s: float = 0.1
     lease_s: float = 0.5
     timeout_s: float = 0.5
+    gap_s: float = 0.03
 
     def __post_init__(self) -> None:
         """Refuse what cannot be an output."""
-        for name in ("sample_rate_limit_hz", "buffer_s", "lease_s", "timeout_s"):
+        for name in ("sample_rate_limit_hz", "buffer_s", "lease_s", "timeout_s", "gap_s"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
                 raise ValueError(f"analog output {name} must be a finite number > 0, not {getattr(self, name)!r}")
         if not (-math.inf < self.low_v <= self.zero_level_v <= self.high_v < math.inf and self.low_v < self.high_v):
@@ -60,12 +62,14 @@ class AnalogOutputSettings:
 class AnalogOutput(ABC):
     """One analog output between `open` and `close`; both leave it at its zero level. Thread-safe.
 
-    `write` streams, `hold` keeps a level, `zero` ends either. What is not refreshed ends: a stream when its samples
-    have run out (properly, when the last one is the zero level), a held level with its lease. The output then goes to
-    zero and the next `write`, `hold` or `check` raises OutputUnderrun, once. While zero is not known to have been
-    reached it is tried again, and they keep raising what the device says. A thread sees to all that, unless `watch` is
-    False and someone else calls `check` (simulated time). It ends with the process: when that dies, what remains at
-    the terminal is the device's affair, and switching off is the watchdog's.
+    `write` streams, `hold` keeps a level, `zero` ends either. What is not refreshed ends: a stream some time after its
+    samples have run out (at once when the last one is the zero level), a held level with its lease. The output then
+    goes to zero and the next `write`, `hold` or `check` raises OutputUnderrun, once. A stream that is written to
+    within `gap_s` of its end goes on from its last sample, where the device stays meanwhile; `gaps` counts these.
+    While zero is not known to have been reached it is tried again, and they keep raising what the device says. A
+    thread sees to all that, unless `watched` is False and someone else calls `check`: a loop that writes anyway, or
+    simulated time. It ends with the process: when that dies, what remains at the terminal is the device's affair, and
+    switching off is the watchdog's.
 
     Implementations supply the underscored methods at the end; all run under the lock and raise DeviceError.
     """
@@ -86,9 +90,11 @@ class AnalogOutput(ABC):
         self._rate_hz: float | None = None
         self._last_v: float | None = None
         self._lease_end_s = math.inf
+        self._dry_s = -math.inf  # when the stream runs out of what has been written
+        self.gaps = 0
         self._failure: DeviceError | None = None
         self._wake = threading.Event()
-        self._watched = watch
+        self.watched = watch
         self._watcher: threading.Thread | None = None
 
     @property
@@ -115,7 +121,7 @@ class AnalogOutput(ABC):
                 self._is_open = False
                 self._disconnect()
                 raise
-            if self._watched:
+            if self.watched:
                 self._watcher = threading.Thread(target=self._watch, name=f"watch {self.resource}", daemon=True)
                 self._watcher.start()
 
@@ -139,13 +145,15 @@ class AnalogOutput(ABC):
                     "write smaller blocks, or later",
                 )
             with self._zero_on_failure():
-                if self._rate_hz is None:
+                if waiting:
+                    self._append(block_v)
+                else:  # none yet, or one that has just run dry
+                    self.gaps += self._rate_hz is not None
                     self._last_v = None  # unknown until done: an interrupt must not leave a stream that nobody watches
                     self._wake.set()  # a stream that goes on is looked at before it ends anyway
                     self._start(block_v, sample_rate_hz)
-                else:
-                    self._append(block_v)
                 self._rate_hz, self._last_v = sample_rate_hz, float(block_v[-1])
+                self._dry_s = self._clock() + (waiting + block_v.size) / sample_rate_hz
 
     def hold(self, level_v: float) -> None:
         """Hold a level from now on, in place of a stream, for `lease_s`; at zero for ever. Raises as `write` does."""
@@ -233,8 +241,10 @@ class AnalogOutput(ABC):
                 elif self._clock() > self._lease_end_s:
                     self._fall_to_zero(self._underrun(f"held {self._last_v:g} V beyond {self.settings.lease_s:g} s"))
             elif self._buffered_samples() == 0:
-                ended = self._last_v == self.settings.zero_level_v
-                self._fall_to_zero(None if ended else self._underrun("ran out of samples"))
+                if self._last_v == self.settings.zero_level_v:
+                    self._fall_to_zero(None)
+                elif self._clock() > self._dry_s + self.settings.gap_s:
+                    self._fall_to_zero(self._underrun("ran out of samples"))
         except DeviceError as error:
             self._fall_to_zero(error)
 
@@ -295,11 +305,11 @@ class AnalogOutput(ABC):
 
     @abstractmethod
     def _start(self, block_v: Array, sample_rate_hz: float) -> None:
-        """Begin a stream with its first block."""
+        """Begin a stream with its first block, also after one that ran dry."""
 
     @abstractmethod
     def _append(self, block_v: Array) -> None:
-        """Add a block to the stream; there is room for it."""
+        """Add a block to the stream; there is room for it, and some of it is still to be played."""
 
     @abstractmethod
     def _buffered_samples(self) -> int:

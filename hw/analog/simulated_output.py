@@ -1,55 +1,163 @@
-"""A card's analog output whose time passes in explicit steps, and the same behind the driver's checks."""
+"""The analog output of a simulated card: a buffer in memory that plays by the clock alone.
+
+No process has to run for it to play, as none has for a real card: what is at the terminal follows from what was
+written and from the time. Whoever simulates the rest of the rig, in this process or in another, looks at the memory.
+"""
 
 from __future__ import annotations
 
-import threading
+import mmap
+import os
+import struct
+import time
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
-from hw.analog.output import Array
+from hw.analog.output import AnalogOutput, AnalogOutputSettings, Array
+from hw.errors import DeviceDisconnected
+
+BUFFER_SAMPLES = 1 << 14
+_SAMPLE = np.dtype("<f8")
+_ATTEMPTS = 100  # at a header that a writer keeps changing
 
 
-class SimulatedCard:
-    """Plays its stream as `advance` lets time pass; like a real card it keeps its last sample when it runs dry.
+class _Told(NamedTuple):
+    """What the card was told last: samples from `start_s` on where `rate_hz` is not 0, else a level."""
 
-    `terminal_v` is what is at the terminal now. Thread-safe.
+    rate_hz: float
+    start_s: float
+    level_v: float
+    written: int
+
+
+class CardMemory:
+    """The card itself: one writer, the driver's end; any number of readers, who see what the terminal has.
+
+    Sample k of a stream is at the terminal from k sample periods after its start on. A stream that has run dry stays
+    at its last sample, as a real card's does. Without `memory` the card is of this process alone.
     """
 
-    def __init__(self, level_v: float) -> None:
-        self.terminal_v = level_v
-        self._waiting = np.empty(0)
-        self._rate_hz = 0.0
-        self._owed_samples = 0.0
-        self._lock = threading.Lock()
+    _HEADER = struct.Struct("=dddQ")
+    SIZE = 64 + BUFFER_SAMPLES * _SAMPLE.itemsize
 
-    @property
-    def waiting(self) -> int:
-        """Samples still to be played."""
-        return int(self._waiting.size)
+    def __init__(self, memory: memoryview | None = None) -> None:
+        whole = memoryview(bytearray(self.SIZE)) if memory is None else memory
+        self._sequence = whole[:8].cast("Q")
+        self._header = whole[8 : 8 + self._HEADER.size]
+        self._samples = np.frombuffer(whole[64:], _SAMPLE, BUFFER_SAMPLES)
+        self._told = _Told(*self._HEADER.unpack(self._header))
+
+    @classmethod
+    def create(cls) -> tuple[CardMemory, int]:
+        """A card in memory without a name, and the descriptor by which others reach it."""
+        descriptor = os.memfd_create("simulated-card", os.MFD_CLOEXEC)
+        os.ftruncate(descriptor, cls.SIZE)
+        return cls(memoryview(mmap.mmap(descriptor, cls.SIZE))), descriptor
+
+    @classmethod
+    def at(cls, path: str) -> CardMemory:
+        """The card of another process, at `/proc/PID/fd/N`. Raises DeviceDisconnected."""
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        except OSError as error:
+            raise DeviceDisconnected(f"the simulated card is gone ({error})", "restart the simulation") from error
+        try:
+            return cls(memoryview(mmap.mmap(descriptor, cls.SIZE)))
+        finally:
+            os.close(descriptor)
+
+    # --- the driver's end --------------------------------------------------------------------
 
     def set_level(self, level_v: float) -> None:
-        """Put out a constant level now; what is waiting is dropped."""
-        with self._lock:
-            self._waiting, self._rate_hz, self.terminal_v = np.empty(0), 0.0, level_v
+        """Put out a constant level; what is waiting is dropped."""
+        self._tell(_Told(0.0, 0.0, level_v, 0))
 
-    def start(self, block_v: Array, sample_rate_hz: float) -> None:
-        """Begin a stream."""
-        with self._lock:
-            self._waiting, self._rate_hz, self._owed_samples = block_v, sample_rate_hz, 0.0
+    def start(self, block_v: Array, sample_rate_hz: float, at_s: float) -> None:
+        """Begin a stream at a time."""
+        self._samples[np.arange(block_v.size) % BUFFER_SAMPLES] = block_v
+        self._tell(_Told(sample_rate_hz, at_s, 0.0, block_v.size))
 
     def append(self, block_v: Array) -> None:
-        """Add to it."""
-        with self._lock:
-            self._waiting = np.concatenate((self._waiting, block_v))
+        """Add to the stream."""
+        written = self._told.written
+        self._samples[np.arange(written, written + block_v.size) % BUFFER_SAMPLES] = block_v
+        self._tell(self._told._replace(written=written + block_v.size))
 
-    def advance(self, dt_s: float) -> Array:
-        """Let time pass; return the samples of the stream that were played."""
-        with self._lock:
-            self._owed_samples += dt_s * self._rate_hz
-            due = min(int(self._owed_samples + 1e-6), self._waiting.size)
-            dry = due == self._waiting.size
-            self._owed_samples = 0.0 if dry else self._owed_samples - due
-            played_v, self._waiting = self._waiting[:due], self._waiting[due:]
-            if due:
-                self.terminal_v = float(played_v[-1])
-            return played_v
+    # --- the terminal ------------------------------------------------------------------------
+
+    def waiting(self, at_s: float) -> int:
+        """How many samples of the stream are still to be played then."""
+        told = self._newest()
+        return max(told.written - self._place(told, at_s), 0) if told.rate_hz else 0
+
+    def terminal_v(self, from_s: float, to_s: float) -> float:
+        """The mean level at the terminal between two times, V; at the first one where both are the same."""
+        told = self._newest()
+        if not told.rate_hz:
+            return told.level_v
+        last = told.written - 1
+        begin = min(self._place(told, from_s), last)
+        end = min(max(self._place(told, to_s), begin + 1), last + 1)
+        return float(self._samples[np.arange(begin, end) % BUFFER_SAMPLES].mean())
+
+    @staticmethod
+    def _place(told: _Told, at_s: float) -> int:
+        """The sample that is at the terminal then; rounding of the times counts for nothing."""
+        return max(int((at_s - told.start_s) * told.rate_hz + 1e-6), 0)
+
+    def _tell(self, told: _Told) -> None:
+        self._told = told
+        self._sequence[0] |= 1  # a reader looks again
+        self._header[:] = self._HEADER.pack(*told)
+        self._sequence[0] += 1
+
+    def _newest(self) -> _Told:
+        """What the card was told; what it was told before where a writer was killed in the middle of telling."""
+        for _ in range(_ATTEMPTS):
+            before = self._sequence[0]
+            told = _Told(*self._HEADER.unpack(self._header))
+            if not before & 1 and self._sequence[0] == before:
+                self._told = told
+                break
+        return self._told
+
+
+class SimulatedAnalogOutput(AnalogOutput):
+    """The driver's end of a simulated card, with the checks of every analog output."""
+
+    def __init__(
+        self,
+        card: Callable[[], CardMemory],
+        settings: AnalogOutputSettings,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        watch: bool = True,
+    ) -> None:
+        super().__init__("simulated analog output", settings, clock=clock, watch=watch)
+        self._find = card
+        self._card: CardMemory | None = None
+
+    def _connect(self) -> None:
+        self._card = self._find()
+
+    def _disconnect(self) -> None:
+        self._card = None
+
+    def _set_level(self, level_v: float) -> None:
+        self._connected().set_level(level_v)
+
+    def _start(self, block_v: Array, sample_rate_hz: float) -> None:
+        self._connected().start(block_v, sample_rate_hz, self._clock())
+
+    def _append(self, block_v: Array) -> None:
+        self._connected().append(block_v)
+
+    def _buffered_samples(self) -> int:
+        return self._connected().waiting(self._clock())
+
+    def _connected(self) -> CardMemory:
+        if self._card is None:
+            raise DeviceDisconnected(f"{self.resource} is not open", "call open() first")
+        return self._card

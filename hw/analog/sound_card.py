@@ -123,7 +123,7 @@ class SoundCardOutput(AnalogOutput):
 
     def _start(self, block_v: Array, sample_rate_hz: float) -> None:
         with self._queue_lock:
-            self._rest_v = self.settings.zero_level_v  # where the callback goes when it runs dry
+            self._late = False
         self._append(block_v)
 
     def _append(self, block_v: Array) -> None:
@@ -156,6 +156,9 @@ class SoundCardOutput(AnalogOutput):
                 filled += taken
                 if taken < block_v.size:
                     self._queue.appendleft(block_v[taken:])
+            if filled:
+                self._rest_v = float(samples_v[filled - 1])  # where it stays when it runs dry
+                samples_v[filled:] = self._rest_v
         outdata.fill(0.0)
         outdata[:, self._sound.channel] = samples_v / self._sound.full_scale_v
 

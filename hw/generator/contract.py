@@ -137,7 +137,8 @@ class GeneratorKind:
 
     `switch_off` answers nothing; the answer to `ask_off` matches `off_answers`, whose group `off` tells off from on.
     Amplitudes are into an open circuit. `limits_itself`: the driver sets a voltage limit of the instrument's own. One
-    whose `shapes` hold direct voltages makes offsets too.
+    whose `shapes` hold direct voltages makes offsets too. `relay_interval_s`: its output is switched on at most so
+    often, to spare the relay; no data sheet states how many switchings one lasts (unverified).
     """
 
     make: Callable[[Transport, GeneratorSettings], Generator]
@@ -150,6 +151,7 @@ class GeneratorKind:
     external_modulation: bool = False
     limits_itself: bool = False
     shapes: frozenset[Shape] = frozenset({Shape.SINE})
+    relay_interval_s: float = 0.5
 
 
 def generator_kind(name: str) -> GeneratorKind:

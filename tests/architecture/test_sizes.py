@@ -1,4 +1,4 @@
-"""No function takes more than eight parameters or is longer than sixty lines, no class than 250."""
+"""No function takes more than eight parameters."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("model", "hw", "haptic_driver")
 COMMANDS = ROOT / "haptic_driver" / "cli"  # a command has as many parameters as it has options
-MOST_PARAMETERS, LONGEST_FUNCTION, LONGEST_CLASS = 8, 60, 250
+MOST_PARAMETERS = 8
 TOP = {"errors", "files", "signals", "limits", "config", "client"}
 
 EIGHT = "a, b, c, d, e, f, g, h"
@@ -26,17 +26,10 @@ TOO_MANY = [
     f"class A:\n    @staticmethod\n    def f({EIGHT}, i): ...",
     f"def outer():\n    def f({EIGHT}, i): ...",
 ]
-TOO_LONG = [
-    "def f():\n" + 60 * "    a = 0\n",
-    "class A:\n    async def f(self):\n" + 60 * "        a = 0\n",
-    "class A:\n" + 250 * "    a = 0\n",
-]
 ENOUGH = [
     f"def f({EIGHT}): ...",
     f"class A:\n    def f(self, {EIGHT}): ...",
     f"class A:\n    @classmethod\n    def f(cls, {EIGHT}): ...",
-    "def f():\n" + 59 * "    a = 0\n",
-    "class A:\n" + 249 * "    a = 0\n",
 ]
 
 
@@ -51,23 +44,14 @@ def crowded(source: str) -> Iterator[str]:
                 yield f"{getattr(node, 'name', 'lambda')} in line {node.lineno} takes {count}"
 
 
-def long(source: str) -> Iterator[str]:
-    """Functions and classes that are too long: name, line and length."""
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            length = (node.end_lineno or node.lineno) - node.lineno + 1
-            if length > (LONGEST_CLASS if isinstance(node, ast.ClassDef) else LONGEST_FUNCTION):
-                yield f"{node.name} in line {node.lineno} has {length} lines"
-
-
 @pytest.mark.parametrize("package", PACKAGES)
-def test_nothing_that_is_shipped_is_crowded_or_long(package: str) -> None:
+def test_nothing_that_is_shipped_is_crowded(package: str) -> None:
     files = sorted((ROOT / package).rglob("*.py"))
     assert files
     found = {}
     for file in files:
         source = file.read_text()
-        found[str(file)] = [*long(source), *([] if COMMANDS in file.parents else crowded(source))]
+        found[str(file)] = [] if COMMANDS in file.parents else list(crowded(source))
     assert {file: what for file, what in found.items() if what} == {}
 
 
@@ -76,14 +60,9 @@ def test_a_function_with_nine_parameters_breaks_the_rule(source: str) -> None:
     assert len(list(crowded(source))) == 1
 
 
-@pytest.mark.parametrize("source", TOO_LONG)
-def test_a_line_too_many_breaks_the_rule(source: str) -> None:
-    assert len(list(long(source))) == 1
-
-
 @pytest.mark.parametrize("source", ENOUGH)
 def test_as_much_as_is_allowed_keeps_it(source: str) -> None:
-    assert [*crowded(source), *long(source)] == []
+    assert list(crowded(source)) == []
 
 
 def test_six_files_lie_at_the_top_of_the_driver():

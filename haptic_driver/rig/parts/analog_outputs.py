@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from hw.analog.output import AnalogOutput, AnalogOutputSettings
 
 
+ENVELOPE_RATE_HZ = 50e3  # at most; slower outputs play at their own limit
+
+
 class NoAnalogOutput(PartSection):
     """No fast envelope: amplitudes go over SCPI."""
 
@@ -22,7 +25,7 @@ class SomeAnalogOutput(Vouched, PartSection):
     """What every analog output has; see `hw.analog.output.AnalogOutputSettings`.
 
     `lead_s`: the envelope is written so far ahead of what is played. So late may the driver be without a gap, and so
-    much later is the voltage there.
+    much later is the voltage there. None lets the driver choose by how late this machine is.
     """
 
     low_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
@@ -30,17 +33,22 @@ class SomeAnalogOutput(Vouched, PartSection):
     zero_level_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
     sample_rate_limit_hz: Positive
     buffer_s: Seconds = 0.1
-    lead_s: Annotated[FiniteFloat, Field(ge=0.0005, le=1.0)] = 0.005
+    lead_s: Annotated[FiniteFloat, Field(ge=0.0005, le=1.0)] | None = None
     lease_s: Seconds = 0.5
     timeout_s: Seconds = 0.5
 
     @model_validator(mode="after")
     def _ordered_levels(self) -> SomeAnalogOutput:
-        if self.lead_s > self.buffer_s:
+        if self.lead_s is not None and self.lead_s > self.buffer_s:
             raise ValueError("lead_s must not be above buffer_s")
         if not (self.low_v <= self.zero_level_v <= self.high_v and self.low_v < self.high_v):
             raise ValueError("low_v <= zero_level_v <= high_v must hold, with low_v < high_v")
         return self
+
+    @property
+    def envelope_rate_hz(self) -> float:
+        """At which envelopes are played."""
+        return min(self.sample_rate_limit_hz, ENVELOPE_RATE_HZ)
 
     def settings(self) -> AnalogOutputSettings:
         """The same, as the driver takes it."""
@@ -80,6 +88,11 @@ class SoundAnalogOutputConfig(SomeAnalogOutput):
     full_scale_v: Positive
     dc_coupled: bool
     latency_s: Seconds = 0.02
+
+    @property
+    def envelope_rate_hz(self) -> float:
+        """The card's own rate, whatever it is."""
+        return self.sample_rate_hz
 
 
 def make_sound(section: SoundAnalogOutputConfig, wiring: Wiring) -> Part[AnalogOutput]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from contextlib import suppress
 
 from haptic_driver.daemon.messages import DaemonState
 from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, lose_the_client, reset
@@ -70,13 +71,44 @@ def test_instruments_that_die_are_a_fault_and_come_back_with_their_envelope(daem
     keep_rendering(daemon, lease.token, lambda: [v for _, v in history(began_s) if v > 10.0])
 
 
+def test_a_writer_that_dies_is_a_fault_at_zero_and_comes_back(daemon, history):
+    lease = daemon.arm(LEASE_S)
+    daemon.set_target(lease.token, 0.66)
+    keep_rendering(daemon, lease.token, lambda: [v for _, v in history(time.monotonic() - 0.1) if v > 10.0])
+    os.kill(daemon.pids["envelope"], signal.SIGKILL)
+    until(lambda: daemon.status().state is DaemonState.FAULT)
+    assert "envelope" in daemon.status().fault
+    until(lambda: history()[-1][1] == 0.0)
+    reset(daemon)
+    began_s = time.monotonic()
+    lease = daemon.arm(LEASE_S)
+    daemon.set_target(lease.token, 0.66)
+    keep_rendering(daemon, lease.token, lambda: [v for _, v in history(began_s) if v > 10.0])
+
+
+def test_a_writer_that_stands_still_takes_the_output_away(daemon, history):
+    began_s = time.monotonic()
+    lease = daemon.arm(LEASE_S)
+    daemon.set_target(lease.token, 0.66)
+    keep_rendering(daemon, lease.token, lambda: [v for _, v in history(began_s) if v > 10.0])
+    os.kill(daemon.pids["envelope"], signal.SIGSTOP)
+    try:
+        until(lambda: history()[-1][1] == 0.0)
+        until(lambda: daemon.status().state is DaemonState.FAULT)
+    finally:
+        with suppress(ProcessLookupError):
+            os.kill(daemon.pids["envelope"], signal.SIGCONT)
+    reset(daemon)
+
+
 def test_an_envelope_that_runs_dry_is_counted_flagged_and_told(daemon):
     lease = daemon.arm(LEASE_S)
     daemon.set_target(lease.token, 0.66)
-    keep_rendering(daemon, lease.token, lambda: daemon.supervisor.instruments.devices.analog_output.buffered_s > 0.0)
+    keep_rendering(daemon, lease.token, lambda: daemon.status().output_on)
     before, last = daemon.status().underruns, daemon.events(0)[-1].number
-    with daemon.supervisor.instruments.devices.analog_output._exclusive():  # nobody can write to it meanwhile
-        time.sleep(0.05)
+    os.kill(daemon.pids["envelope"], signal.SIGSTOP)  # nobody writes meanwhile
+    time.sleep(0.1)
+    os.kill(daemon.pids["envelope"], signal.SIGCONT)
 
     def told():
         counts = [event.data["underruns"] for event in daemon.events(last) if event.message == "underrun"]

@@ -12,17 +12,15 @@ from haptic_driver.daemon import supervision
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.instruments import connect_real
 from haptic_driver.daemon.messages import DaemonState, RefusedError
-from haptic_driver.daemon.set_up import DaemonSettings, latency_budget_s, render_settings
+from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.errors import BadInputError
-from haptic_driver.rig.config import WatchdogConfig, load_rig
-from haptic_driver.rig.parts.analog_outputs import NiAnalogOutputConfig
+from haptic_driver.rig.config import WatchdogConfig
 from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.simulation.served import as_real
 from hw.serving.tcp import TcpServer
 from tests.haptic_driver.daemon.refusal import refusal
 from tests.haptic_driver.daemon.waiting import LEASE_S, reset
 from tests.haptic_driver.stand_ins import living_rig
-from tests.hw.analog.simulated_analog_output import SimulatedAnalogOutput
 from tests.hw.testing.faulty_net_ft import FaultyNetFt, RdtFault
 from tests.waiting import until
 
@@ -82,38 +80,6 @@ def test_a_rig_may_say_that_it_has_no_watchdog(real_config):
         assert instruments.actuator.name == "setpoints over SCPI"
     finally:
         assert instruments.close() is False
-
-
-def test_an_analog_output_in_the_file_is_opened_at_zero_and_makes_the_envelope(real_config, monkeypatch):
-    made = []
-
-    class Card(SimulatedAnalogOutput):
-        def __init__(self, channel, output_settings):
-            super().__init__(output_settings, channel)
-            made.append(self)
-
-    monkeypatch.setattr("hw.analog.ni_daq.NiAnalogOutput", Card)
-    given = load_rig("simulated-envelope")
-    config = real_config.model_copy(
-        update={
-            "analog_output": NiAnalogOutputConfig(
-                **(given.analog_output.model_dump() | {"kind": "ni", "channel": "Dev2/ao0"})
-            ),
-            "waveform_generator": real_config.waveform_generator.model_copy(
-                update={"modulation_input": given.waveform_generator.modulation_input}
-            ),
-        }
-    )
-    instruments = connect_real(config, lambda event: None)
-    try:
-        assert instruments.actuator.name == "analog envelope"
-        assert (made[0].resource, made[0].level_v) == ("Dev2/ao0", -5.0)
-        budget = latency_budget_s(config, 0.001)
-        assert budget["envelope"] == pytest.approx(0.004)  # the lead less a tick
-        assert budget["sensor"] == pytest.approx(0.0025)
-    finally:
-        assert instruments.close() is False
-    assert made[0].level_v is None  # closed
 
 
 # --- the daemon --------------------------------------------------------------------------------------------------

@@ -405,5 +405,5 @@ def test_a_tick_that_fails_leaves_zero_and_a_fault_behind(envelope_settings, sha
     child.stop()
     assert was_on
     assert ended == "the render process ended with status 1"
-    assert (output.target, output.voltage_v, output.output_on) == (1, 0.0, False)
+    assert (output.voltage_v, output.output_on) == (0.0, False)
     assert Flag.FAULT in Flag(output.flags)

@@ -186,3 +186,22 @@ def test_who_gives_way_has_a_session_of_its_own(tmp_path):
         env=os.environ | {"PYTHONPATH": os.pathsep.join(["", *sys.path])},
     )  # fmt: skip
     assert run.stdout.split() == ["[True,", "19]"]
+
+
+def test_a_real_time_process_that_never_pauses_is_killed_by_the_kernel():
+    """On that priority nobody else would get a turn to stop it."""
+    runs_away = """
+from haptic_driver.processes import real_time
+print(real_time.enter().scheduled, flush=True)
+while True:
+    pass
+"""
+    process = subprocess.Popen([sys.executable, "-c", runs_away], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        if process.stdout.readline() != "True\n":
+            pytest.skip("this machine grants no real-time scheduling")
+        assert process.wait(60.0) < 0
+    finally:
+        process.kill()
+        process.stdout.close()

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import brentq
+from scipy.optimize import minimize_scalar
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.choice import Choice
 from haptic_driver.render.controller import (
-    CAUTION_CUTS,
     INITIAL,
     Candidate,
     Control,
@@ -330,21 +329,27 @@ def test_a_carrier_moves_for_what_its_policy_counts_and_for_more_than_the_hyster
     assert is_clearly_better(control, best, present, 0.7) is moves
 
 
-@pytest.mark.parametrize("most", [0.7, 0.8, 0.9])
-def test_what_is_not_known_of_a_finger_counts_for_a_standard_deviation(most):
-    """Expected: the root of what is felt and its standard deviation by the law of variances, found by brentq."""
-    gains, factors, low, cof = Gains(1.1, 0.9, 4e-3, -1e-3, 9e-3), Factors(1.05, 0.8), 0.5, 1.0
+@pytest.mark.parametrize("target_cof", [0.5, 0.6, 0.8, 1.1])
+@pytest.mark.parametrize("caution", [1.0, 4.0])
+def test_what_is_asked_of_a_finger_that_is_not_known_costs_least(target_cof, caution):
+    """Expected: the least squared error and variance, by the law of variances, found by scipy."""
+    gains, factors, low = Gains(1.1, 0.9, 4e-3, 1e-3, 9e-3), Factors(1.05, 0.8), 0.5
 
-    def felt(on_surface):
+    def loss(on_surface):
         shares = np.array([factors.off * low, factors.rise * (on_surface - low)])
         covariance = np.array([[gains.off_variance, gains.covariance], [gains.covariance, gains.rise_variance]])
-        return shares @ [gains.off, gains.rise] + math.sqrt(shares @ covariance @ shares)
+        error = shares @ [gains.off, gains.rise] - target_cof
+        return error**2 + caution * shares @ covariance @ shares
 
-    careful = careful_cof(gains, factors, low, cof, most)
-    expected = brentq(lambda each: felt(each) - most, low, cof)
-    halved = CAUTION_CUTS - 1  # the first one tries the whole
-    assert expected - (cof - low) / 2**halved <= careful <= expected
-    assert careful_cof(gains, factors, low, cof, felt(cof) + 1e-9) == cof
+    expected = minimize_scalar(loss, bounds=(low, 3.0), method="bounded", options={"xatol": 1e-9}).x
+    assert careful_cof(gains, factors, low, target_cof, caution) == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_finger_that_is_known_is_met_whatever_is_asked():
+    known, factors = Gains(1.1, 0.9), Factors(1.05, 0.8)
+    for target_cof in (0.58, 0.7, 1.2):
+        asked = careful_cof(known, factors, 0.5, target_cof, 4.0)
+        assert 1.1 * 1.05 * 0.5 + 0.9 * 0.8 * (asked - 0.5) == pytest.approx(target_cof, rel=1e-12)
 
 
 # --- safety ----------------------------------------------------------------------------------------------------

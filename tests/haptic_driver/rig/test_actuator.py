@@ -1,24 +1,27 @@
-"""Both ways to the electrode: what the simulated amplifier saw, and what a failure leaves there."""
+"""Both ways to the generator, and an envelope's: what the simulated amplifier saw, and what a failure leaves there."""
 
 import numpy as np
 import pytest
 
 from haptic_driver.errors import HapticError
-from haptic_driver.rig.actuator import EnvelopeActuator, SetpointActuator, actuator_name, make_actuator
+from haptic_driver.rig.actuator import CarrierActuator, SetpointActuator, actuator_name, make_actuator
 from haptic_driver.rig.config import load_rig
-from haptic_driver.rig.devices import build_rig
+from haptic_driver.rig.devices import build_rig, modulation_input
+from haptic_driver.rig.envelope_writer import EnvelopeWriter
 from haptic_driver.rig.part import Wiring
 from haptic_driver.signals import NO_COMMAND, NO_COURSE, Course, DriveCommand
 from haptic_driver.simulation.instruments import simulated_amplifier, simulated_generator
 from haptic_driver.simulation.rig import SimulatedRig
 from hw.analog.output import AnalogOutputSettings
+from hw.errors import DeviceDisconnected
 from hw.finger.plant import FingerPlant
 from tests.haptic_driver.stand_ins import PlantSensor
-from tests.hw.analog.simulated_analog_output import SimulatedAnalogOutput
+from tests.hw.analog.simulated_analog_output import SteppedAnalogOutput
 from tests.hw.testing.memory import MemoryTransport
 
 RATE_HZ, SAMPLES = 50e3, 50
-LEAD_S = 0.005  # of the rig simulated-envelope
+LEAD_S = 0.005
+RISE_V_PER_S = 10e3
 ON = DriveCommand(250.0, 80.0, True)
 
 
@@ -28,7 +31,7 @@ class Bench:
     def __init__(self, config):
         self.electrode = simulated_amplifier(config)
         self.generator = simulated_generator(config, self.electrode.drive)
-        self.output = SimulatedAnalogOutput(AnalogOutputSettings(-5.0, 5.0, -5.0, RATE_HZ))
+        self.output = SteppedAnalogOutput(AnalogOutputSettings(-5.0, 5.0, -5.0, RATE_HZ))
         sensor = PlantSensor(FingerPlant(lambda f, v, n, s: 0.5 * n), noise_n=0.0)
         self.lie_v = None
         self.rig = build_rig(
@@ -36,7 +39,13 @@ class Bench:
             modulated=True, sleep=lambda seconds: None,
         )  # fmt: skip
         self.time_s, self.seen_v = 1.0, []
-        self.actuator = make_actuator(config, self.rig, self.output)
+        self.actuator = make_actuator(config, self.rig)
+        self.writer = EnvelopeWriter(self.output, modulation_input(config), RATE_HZ, RISE_V_PER_S)
+
+    def play(self, course):
+        """What the envelope's process does in a turn, while the gate is open."""
+        if np.isfinite(self.actuator.carrier_hz):
+            self.writer.go_on(course, self.actuator.full_scale_v, LEAD_S)
 
     def read_v(self):
         """The voltage monitor."""
@@ -60,7 +69,7 @@ class Bench:
         """A voltage to be reached in every `steps_each` ticks."""
         for voltage_v in voltages_v:
             self.actuator.command(self.time_s, ON._replace(voltage_v=voltage_v))
-            self.actuator.play(ON._replace(voltage_v=voltage_v), to(voltage_v, 1e-3 * steps_each))
+            self.play(to(voltage_v, 1e-3 * steps_each))
             for _ in range(steps_each):
                 self.step()
         return np.array(self.seen_v)
@@ -86,12 +95,12 @@ def test_the_electrode_follows_the_voltages_straight_in_their_square_and_late_by
     wanted_v = 70.0 + 30.0 * np.sin(2.0 * np.pi * 50.0 * ticks * 1e-3)
     seen_v = bench.run(wanted_v)
     ends_s = 1e-3 * ticks + LEAD_S  # played so much after it was commanded
-    at_s = np.arange(1, seen_v.size + 1) / RATE_HZ
+    at_s = np.arange(2, seen_v.size + 2) / RATE_HZ  # a sample is out from its beginning on, and made for its end
     expected_v = np.sqrt(np.interp(at_s, ends_s, wanted_v**2))
     settled = slice(250 * SAMPLES, 395 * SAMPLES)  # the carrier has come up over SCPI
     np.testing.assert_allclose(seen_v[settled], expected_v[settled], rtol=2e-3)
     assert seen_v.max() < 100.0 * 1.002
-    assert bench.actuator.underruns == 0
+    assert bench.writer.underruns == 0
 
 
 def test_the_voltage_of_a_new_carrier_waits_for_it(bench):
@@ -100,7 +109,8 @@ def test_the_voltage_of_a_new_carrier_waits_for_it(bench):
     new = DriveCommand(100.0, 90.0, True)
     while_old_v = []
     for tick in range(40):
-        bench.actuator.play(new, to(90.0))
+        may_rise = bench.actuator.carrier_hz == new.frequency_hz
+        bench.writer.go_on(to(90.0), 150.0, LEAD_S, may_rise)
         if tick == 10:
             bench.actuator.command(bench.time_s, new)
         old = bench.generator.output().frequency_hz == ON.frequency_hz
@@ -120,7 +130,7 @@ def test_the_carrier_alone_puts_nothing_out(bench):
 def test_a_command_without_output_ends_it_at_once(bench):
     seen_v = bench.run(np.full(300, 90.0))
     assert seen_v[-1] == pytest.approx(90.0, rel=2e-3)
-    bench.actuator.play(NO_COMMAND, NO_COURSE)
+    bench.writer.rest()
     assert bench.output.terminal_v == -5.0
     bench.actuator.command(bench.time_s, NO_COMMAND)
     bench.step()
@@ -128,14 +138,27 @@ def test_a_command_without_output_ends_it_at_once(bench):
     assert bench.rig.state.value == "off"
 
 
-def test_an_envelope_that_runs_dry_is_zero_counted_and_begins_again_from_zero(bench):
+def test_an_envelope_that_runs_dry_goes_on_from_where_it_was_by_a_bounded_rise(bench):
+    bench.run(np.full(300, 60.0))
+    for _ in range(10):  # nobody writes for so many milliseconds
+        bench.step()
+    assert bench.seen_v[-1] == pytest.approx(60.0, rel=2e-3)
+    again = len(bench.seen_v)
+    seen_v = bench.run(np.full(30, 140.0))
+    assert bench.writer.underruns == 1
+    assert seen_v[again:].min() == pytest.approx(60.0, abs=1.0)
+    assert np.diff(seen_v[again : again + round(LEAD_S * RATE_HZ)]).max() < 2.0 * RISE_V_PER_S / RATE_HZ
+    assert seen_v[-1] == pytest.approx(140.0, rel=2e-3)
+
+
+def test_an_envelope_that_nobody_writes_for_long_is_zero_and_begins_again_from_zero(bench):
     bench.run(np.full(300, 90.0))
-    for _ in range(10):
+    for _ in range(60):
         bench.step()
     assert bench.seen_v[-1] < 0.01
     again = len(bench.seen_v)
     seen_v = bench.run(np.full(30, 90.0))
-    assert bench.actuator.underruns == 1
+    assert bench.writer.underruns == 1
     assert seen_v[again:].argmax() > LEAD_S * RATE_HZ - 2
     assert seen_v[-1] == pytest.approx(90.0, rel=2e-3)
 
@@ -147,22 +170,22 @@ def test_commands_faster_or_slower_than_the_output_plays_keep_the_lead(bench):
         assert bench.output.buffered_s == pytest.approx(LEAD_S - steps * 1e-3, abs=within_s)
     for span_s in (0.999e-3, 1.001e-3):  # a card whose clock is off by a tenth of a percent, more than any is
         for _ in range(2000):
-            bench.actuator.play(ON, to(90.0, span_s))
+            bench.play(to(90.0, span_s))
             bench.output.advance(1e-3)
         assert bench.output.buffered_s == pytest.approx(LEAD_S - 1e-3, abs=within_s)
-    assert bench.actuator.underruns == 0
+    assert bench.writer.underruns == 0
 
 
 def test_without_anything_new_the_last_voltage_is_held_and_not_for_nothing(bench):
     bench.run(np.full(300, 90.0))
     for _ in range(20):  # render stalls
-        bench.actuator.play(ON, NO_COURSE)
+        bench.play(NO_COURSE)
         bench.step()
     assert min(bench.seen_v[-20 * SAMPLES :]) == pytest.approx(90.0, rel=2e-3)
-    assert bench.actuator.underruns == 0
-    bench.actuator.play(ON, NO_COURSE)
+    assert bench.writer.underruns == 0
+    bench.play(NO_COURSE)
     waiting_s = bench.output.buffered_s
-    bench.actuator.play(ON, NO_COURSE)  # at once again, as a thread that is late does: nothing is put in between
+    bench.play(NO_COURSE)  # at once again, as a thread that is late does: nothing is put in between
     assert bench.output.buffered_s == waiting_s
 
 
@@ -175,33 +198,36 @@ def test_a_thread_that_plays_late_or_early_does_not_bend_the_texture(bench):
     for power_v2, is_late in zip(powers_v2, late, strict=True):
         pending.append(power_v2)
         if not is_late or len(pending) == 2:
-            bench.actuator.play(ON, Course(np.array(pending), 1e-3 * len(pending)))
+            bench.play(Course(np.array(pending), 1e-3 * len(pending)))
             pending = []
         bench.step()
     seen_v2 = np.array(bench.seen_v[began:]) ** 2
-    at_s = np.arange(1, seen_v2.size + 1) / RATE_HZ
+    at_s = np.arange(2, seen_v2.size + 2) / RATE_HZ
     expected_v2 = np.interp(at_s, 1e-3 * ticks + LEAD_S, powers_v2)
     # Nothing is stretched: what is late is within an eighth of the lead.
     assert np.abs(seen_v2 - expected_v2)[50 * SAMPLES : 395 * SAMPLES].max() < 2e-3 * np.ptp(powers_v2)
-    assert bench.actuator.underruns == 0
+    assert bench.writer.underruns == 0
 
 
-@pytest.mark.parametrize("broken", ["output", "beyond"])
-def test_what_fails_is_off_before_it_is_told(bench, broken):
+def test_a_course_beyond_full_scale_leaves_zero(bench):
     bench.run(np.full(300, 90.0))
-    bench.output.broken = broken == "output"
     with pytest.raises(HapticError) as failed:
-        bench.actuator.play(ON, to(80.0 if broken == "output" else 151.0))  # of 150 V
-    assert failed.value.code == ("device_disconnected" if broken == "output" else "beyond_full_scale")
-    assert bench.rig.state.value == "off"
-    assert bench.electrode.voltage_v == 0.0
+        bench.play(to(151.0))  # of 150 V
+    assert failed.value.code == "beyond_full_scale"
+    assert bench.output.terminal_v == -5.0
+
+
+def test_an_output_that_fails_says_so(bench):
+    bench.run(np.full(300, 90.0))
+    bench.output.broken = True
+    with pytest.raises(DeviceDisconnected):
+        bench.play(to(80.0))
     bench.output.broken = False
 
 
 def test_off_leaves_nothing(bench):
     bench.run(np.full(300, 90.0))
     assert bench.actuator.off().output_on is False
-    assert bench.output.terminal_v == -5.0
     bench.step()
     assert bench.seen_v[-1] == 0.0
 
@@ -221,8 +247,8 @@ def test_a_monitor_may_show_less_than_the_carrier_and_never_more(bench, monitor_
 
 
 def test_a_rigs_file_decides_which_way(rig_config, bench):
-    assert isinstance(bench.actuator, EnvelopeActuator)
-    assert isinstance(make_actuator(rig_config, bench.rig, None), SetpointActuator)
+    assert isinstance(bench.actuator, CarrierActuator)
+    assert isinstance(make_actuator(rig_config, bench.rig), SetpointActuator)
     assert actuator_name(rig_config) == "setpoints over SCPI"
     assert actuator_name(load_rig("simulated-envelope")) == "analog envelope"
 
@@ -230,11 +256,41 @@ def test_a_rigs_file_decides_which_way(rig_config, bench):
 def test_set_points_are_the_command(rig_config, touch):
     with SimulatedRig(rig_config, touch) as bench:
         bench.rig.connect()
-        actuator = SetpointActuator(bench.rig)
+        actuator = SetpointActuator(bench.rig, 1.0)
         for k in range(100):
             actuator.command(1e-3 * k, ON)
-            actuator.play(ON, NO_COURSE)
             bench.step(1e-3, 0.5, 0.04)
         assert bench.instruments.voltage_v == pytest.approx(80.0, rel=1e-3)
         assert actuator.off().output_on is False
         assert bench.instruments.voltage_v == 0.0
+
+
+def test_what_is_asked_to_be_little_stays_on_at_the_lowest_voltage(rig_config, touch):
+    """A valley of a texture below the friction without voltage; a relay would have clicked at each of them."""
+    with SimulatedRig(rig_config, touch) as bench:
+        bench.rig.connect()
+        actuator = SetpointActuator(bench.rig, 1.0)
+        for k in range(400):
+            valley = k // 50 % 2 == 1
+            actuator.command(1e-3 * k, ON._replace(voltage_v=0.0 if valley else 80.0))
+            bench.step(1e-3, 0.5, 0.04)
+            if valley and k % 50 == 49:
+                assert bench.instruments.voltage_v == pytest.approx(bench.rig.minimum_voltage_v, rel=1e-3)
+        assert actuator.switched == 1
+
+
+def test_a_relay_has_its_pause_before_it_comes_on_again_and_none_before_it_goes_off(rig_config, touch):
+    with SimulatedRig(rig_config, touch) as bench:
+        bench.rig.connect()
+        actuator = SetpointActuator(bench.rig, relay_interval_s=0.5)
+        came_on = []
+        for k in range(1200):
+            time_s = 1e-3 * k
+            actuator.command(time_s, ON if k % 100 < 50 else NO_COMMAND)
+            if k % 100 >= 50:
+                assert bench.rig.state.value == "off"
+            elif bench.rig.state.value == "on" and k % 100 == 0:
+                came_on.append(time_s)
+            bench.step(1e-3, 0.5, 0.04)
+        assert came_on == pytest.approx([0.0, 0.5, 1.0])
+        assert actuator.switched == 3

@@ -484,6 +484,10 @@ def test_a_stream_that_runs_dry_goes_to_zero_and_is_reported_once(card: Card) ->
         output.write(np.full(500, 3.0), 50e3)
         card.advance(0.02)
         assert card.ao_v == 3.0  # the card keeps its last sample
+        output.write(np.full(500, 2.0), 50e3)  # soon enough: the stream goes on
+        assert output.gaps == 1
+        card.advance(0.1)
+        assert card.ao_v == 2.0
         with pytest.raises(OutputUnderrun):
             output.write(np.full(500, 3.0), 50e3)
         assert card.ao_v == -5.0

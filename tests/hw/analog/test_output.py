@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 
 from hw.analog.output import AnalogOutputSettings, OutputUnderrun
 from hw.errors import DeviceDisconnected, DeviceError, LimitExceeded
-from tests.hw.analog.simulated_analog_output import SimulatedAnalogOutput
+from tests.hw.analog.simulated_analog_output import SteppedAnalogOutput
 
 SETTINGS = AnalogOutputSettings(
-    low_v=0.0, high_v=5.0, zero_level_v=0.5, sample_rate_limit_hz=100e3, buffer_s=0.1, lease_s=0.2, timeout_s=0.2
-)
+    low_v=0.0, high_v=5.0, zero_level_v=0.5, sample_rate_limit_hz=100e3, buffer_s=0.1, lease_s=0.2, timeout_s=0.2,
+    gap_s=0.02,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -35,7 +36,7 @@ def test_impossible_settings_are_refused(bad: dict[str, float]) -> None:
 
 
 def test_a_held_level_ends_with_its_lease_and_zero_never_does() -> None:
-    with SimulatedAnalogOutput(SETTINGS) as output:
+    with SteppedAnalogOutput(SETTINGS) as output:
         output.hold(3.0)
         assert output.advance(0.15) == 3.0
         output.hold(3.0)
@@ -50,38 +51,51 @@ def test_a_held_level_ends_with_its_lease_and_zero_never_does() -> None:
 
 
 def test_a_stream_may_end_at_zero_but_not_above() -> None:
-    with SimulatedAnalogOutput(SETTINGS) as output:
+    with SteppedAnalogOutput(SETTINGS) as output:
         output.write([1.0, 2.0, 0.5], 1e3)
         assert output.advance(0.01) == 0.5
         output.check()
         assert output.played_v == [1.0, 2.0, 0.5]
         output.write([1.0, 2.0], 1e3)
-        assert output.advance(0.01) == 0.5
+        assert output.advance(0.01) == 2.0
+        assert output.advance(0.02) == 0.5
         with pytest.raises(OutputUnderrun, match="ran out of samples"):
             output.hold(1.0)
         output.hold(1.0)
         assert output.terminal_v == 1.0
 
 
+def test_a_stream_goes_on_from_its_last_sample_after_a_short_gap() -> None:
+    with SteppedAnalogOutput(SETTINGS) as output:
+        output.write([1.0, 2.0], 1e3)
+        assert output.advance(0.015) == 2.0
+        output.write([3.0, 4.0], 1e3)
+        assert output.gaps == 1
+        assert output.advance(0.0) == 3.0
+        assert output.advance(0.001) == 4.0
+        assert output.played_v == [1.0, 2.0, 3.0]
+        output.check()
+
+
 def test_a_stream_that_has_ended_leaves_the_rate_free() -> None:
     """Its end is noticed by the next call, whatever that asks; no thread looks in between here."""
-    with SimulatedAnalogOutput(SETTINGS) as output:
+    with SteppedAnalogOutput(SETTINGS) as output:
         output.write([1.0, 0.5], 1e3)
-        output._card.advance(0.01)
+        output.play(0.01)
         output.write([1.0, 2.0, 0.5], 500.0)
         assert output.buffered_s == pytest.approx(0.006)
 
 
 def test_a_block_is_copied() -> None:
     block_v = np.full(10, 2.0)
-    with SimulatedAnalogOutput(SETTINGS) as output:
+    with SteppedAnalogOutput(SETTINGS) as output:
         output.write(block_v, 1e3)
         block_v[:] = 4.0
         assert output.advance(0.005) == 2.0
 
 
 def test_no_more_than_the_buffer_waits() -> None:
-    with SimulatedAnalogOutput(SETTINGS) as output:
+    with SteppedAnalogOutput(SETTINGS) as output:
         output.write(np.full(100, 1.0), 1e3)
         with pytest.raises(LimitExceeded, match="do not fit"):
             output.write([1.0], 1e3)
@@ -91,7 +105,7 @@ def test_no_more_than_the_buffer_waits() -> None:
 
 
 def test_a_failed_write_is_zeroed_or_reported_as_unknown() -> None:
-    output = SimulatedAnalogOutput(SETTINGS)
+    output = SteppedAnalogOutput(SETTINGS)
     output.open()
     output.hold(3.0)
     output.broken = True
@@ -111,22 +125,22 @@ def test_a_failed_write_is_zeroed_or_reported_as_unknown() -> None:
 @pytest.mark.parametrize("step", ["start", "set_level"])
 def test_an_interrupt_leaves_no_output_that_nobody_watches(monkeypatch: pytest.MonkeyPatch, step: str) -> None:
     """The card has begun when Ctrl-C comes; it would keep its last sample."""
-    with SimulatedAnalogOutput(SETTINGS) as output:
-        begin = getattr(output._card, step)
+    with SteppedAnalogOutput(SETTINGS) as output:
+        begin = getattr(output.card, step)
 
         def interrupted(*arguments: Any) -> None:
             begin(*arguments)
             monkeypatch.undo()
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(output._card, step, interrupted)
+        monkeypatch.setattr(output.card, step, interrupted)
         with pytest.raises(KeyboardInterrupt):
             _ = output.write([4.0, 4.0], 1e3) if step == "start" else output.hold(4.0)
         assert output.advance(0.01) == 0.5
 
 
 def test_it_must_be_open() -> None:
-    output = SimulatedAnalogOutput(SETTINGS)
+    output = SteppedAnalogOutput(SETTINGS)
     for use in (lambda: output.write([1.0], 1e3), lambda: output.hold(1.0), output.zero):
         with pytest.raises(DeviceDisconnected, match="not open"):
             use()
@@ -134,7 +148,7 @@ def test_it_must_be_open() -> None:
 
 
 def test_zero_does_not_wait_for_a_thread_that_is_stuck_in_the_device() -> None:
-    output = SimulatedAnalogOutput(SETTINGS)
+    output = SteppedAnalogOutput(SETTINGS)
     output.open()
     stuck, release = threading.Event(), threading.Event()
 
@@ -173,7 +187,7 @@ ACTIONS = st.lists(
 def test_whatever_happens_the_output_stays_within_limits_and_ends_at_zero_or_unknown(
     actions: list[tuple[str, Any]],
 ) -> None:
-    output = SimulatedAnalogOutput(SETTINGS)
+    output = SteppedAnalogOutput(SETTINGS)
     output.open()
     for name, argument in actions:
         try:

@@ -76,32 +76,41 @@ def test_blocks_come_out_scaled_in_order_on_their_channel() -> None:
         output.write([0.8, 1.0], 48e3)
         first, second = OutputStream.newest.pull(4), OutputStream.newest.pull(4)
     played = np.concatenate((first, second))
-    assert played[:, 1].tolist() == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5, 0.0, 0.0, 0.0])
+    assert played[:, 1].tolist() == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5, 0.5, 0.5, 0.5])
     assert played[:, 0].tolist() == [0.0] * 8
     assert OutputStream.newest._state == "closed"
 
 
-def test_running_dry_gives_zero_at_once_and_is_reported() -> None:
-    with card() as output:
+def test_running_dry_keeps_the_last_sample_for_a_moment_then_gives_zero_and_is_reported() -> None:
+    now = [0.0]
+    with card(clock=lambda: now[0]) as output:
         output.write([1.0, 1.0], 48e3)
-        assert OutputStream.newest.pull(3)[:, 0].tolist() == [0.5, 0.5, 0.0]
+        assert OutputStream.newest.pull(3)[:, 0].tolist() == [0.5, 0.5, 0.5]
+        output.write([0.6], 48e3)
+        assert OutputStream.newest.pull(2)[:, 0].tolist() == pytest.approx([0.3, 0.3])
+        assert output.gaps == 1
+        now[0] = 0.1
         with pytest.raises(OutputUnderrun):
             output.write([1.0], 48e3)
         assert OutputStream.newest.pull(1)[0, 0] == 0.0
 
 
 def test_an_underflow_of_the_card_itself_ends_the_stream() -> None:
-    with card() as output:
+    now = [0.0]
+    with card(clock=lambda: now[0]) as output:
         output.write(np.full(1000, 1.0), 48e3)
         assert OutputStream.newest.pull(10, underflow=True).max() == 0.0
+        now[0] = 0.1
         with pytest.raises(OutputUnderrun):
             output.check()
 
 
 def test_a_block_that_arrives_after_an_underflow_does_not_hide_it() -> None:
-    with card() as output:
+    now = [0.0]
+    with card(clock=lambda: now[0]) as output:
         output.write(np.full(1000, 1.0), 48e3)
         OutputStream.newest.pull(10, underflow=True)
+        now[0] = 0.1
         output._append(np.full(1000, 1.0))  # the callback came between write's check and its block
         with pytest.raises(OutputUnderrun):
             output.check()
