@@ -1,17 +1,20 @@
 """Render a texture under a sliding finger on the simulated rig.
 
 The finger makes a stroke of its own over a grating. Every command goes as bytes over TCP to a simulated generator, and
-friction comes back through a simulated force sensor; `record` holds all of it, one entry per tick of 1 ms.
+friction comes back through a simulated force sensor. The daemon's own parts render, in simulated time; `record.samples`
+are what its recordings hold, one entry per tick of 1 ms.
 """
 
 import numpy as np
 
 from haptic_driver.config import texture_dirs
+from haptic_driver.daemon.set_up import render_settings
+from haptic_driver.daemon.stepped import render_slide
+from haptic_driver.fidelity.said import said
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.slide import TICK_S, Slide
-from haptic_driver.rig.tick_settings import tick_settings
 from haptic_driver.simulation.rig import SimulatedRig
-from haptic_driver.simulation.slide import render_slide, score
+from haptic_driver.simulation.slide import score
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.models import load_model
 from haptic_driver.textures.library import load_texture
@@ -22,10 +25,10 @@ slide = Slide("a stroke at 20 mm/s", time_s, position_m=0.020 * time_s, normal_f
 
 config, model = load_rig("simulated"), load_model("reference")
 texture = load_texture("grating", texture_dirs())
-settings = tick_settings(config, build_surface(model, config.operating_limits()), texture)
-with SimulatedRig(config, TouchModel(model)) as rig:
-    record = render_slide(slide, texture, settings, rig, progress=lambda tick: None)
+settings = render_settings(config, build_surface(model, config.operating_limits()))
+with SimulatedRig(config, TouchModel(model), envelope=True) as rig:
+    record = render_slide(slide, texture, settings, rig)
 
 result = score(record)
-print(f"within 5 % of target: {result.share_within_5_percent:.0%} of the time, error {result.cof_error_rms:.4f} rms")
+print(*said(result.fidelity), sep="\n")
 print(f"highest voltage {result.max_voltage_v:.0f} V; output at the end: {record.off}")

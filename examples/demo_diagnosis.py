@@ -10,14 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from haptic_driver.config import texture_dirs
+from haptic_driver.daemon.set_up import render_settings
+from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.experiments.investigate import Budget, Investigation, Subject, investigate
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.pictures.friction import draw_before_and_after
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.slide import synthetic_slide
-from haptic_driver.rig.tick_settings import tick_settings
 from haptic_driver.simulation.rig import SimulatedRig
-from haptic_driver.simulation.slide import SlideRecord, render_slide, score
+from haptic_driver.simulation.slide import SlideRecord, score
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.models import load_model
 from haptic_driver.textures.library import load_texture
@@ -48,9 +49,9 @@ def demonstrate(out: Path) -> Demonstration:
 
 
 def rendered(model: str) -> SlideRecord:
-    """The rig's finger sliding over the texture, driven by the surface of a model."""
+    """The rig's finger sliding over the texture, driven by the surface of a model; feedback would hide what is off."""
     config, description, texture = load_rig(RIG), load_model(model), load_texture(TEXTURE, texture_dirs())
-    settings = tick_settings(config, build_surface(description, config.operating_limits()), texture)
+    settings = render_settings(config, build_surface(description, config.operating_limits()), feedback=False)
     finger = load_model(config.simulation.model or model)
     with SimulatedRig(config, TouchModel(finger)) as rig:
         return render_slide(synthetic_slide(), texture, settings, rig)
@@ -70,9 +71,10 @@ def main() -> None:
     print(f"{found.outcome}: {names}, {found.rows} rows, {found.measured_s / 60.0:.0f} min of measuring")
     for when, record in (("before", shown.before), ("after", shown.after)):
         it = score(record)
+        error, share = it.fidelity.cof_error_rms or 0.0, it.fidelity.share_within_5_percent or 0.0
         print(
-            f"{when:>6}: friction error {it.cof_error_rms:.4f} rms, {it.share_within_5_percent:.0%} of sliding time "
-            f"within 5 %, up to {it.max_voltage_v:.0f} V"
+            f"{when:>6}: friction error {error:.4f} rms, {share:.0%} of sliding time within 5 %, "
+            f"up to {it.max_voltage_v:.0f} V"
         )
     print(f"picture: {shown.picture}; report: {Path(found.diagnosis['model']).with_name('report.html')}")
 

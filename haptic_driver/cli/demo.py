@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
@@ -15,18 +15,21 @@ from typer import Option
 
 from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, named, progress, report, stdout
 from haptic_driver.config import texture_dirs
+from haptic_driver.daemon.set_up import render_settings
+from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.errors import BadInputError
+from haptic_driver.fidelity.perception import load_perception
+from haptic_driver.fidelity.said import said
+from haptic_driver.fidelity.samples import AFTER_TOUCH_S
 from haptic_driver.pictures.friction import draw_slide
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.slide import Slide, read_slide, synthetic_slide
-from haptic_driver.rig.tick_settings import tick_settings
 from haptic_driver.signals import WITHIN
 from haptic_driver.simulation.rig import SimulatedRig
-from haptic_driver.simulation.slide import Score, SlideRecord, render_slide, score
+from haptic_driver.simulation.slide import Score, SlideRecord, score
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.file import SurfaceFile, read_surface
 from haptic_driver.surface.models import load_model
-from haptic_driver.textures.bands import LEAST_COF
 from haptic_driver.textures.library import load_texture
 from model.description import ModelDescription
 from model.touch_model import TouchModel
@@ -43,15 +46,16 @@ def demo(
     surface: Annotated[Path | None, Option(help="Surface file of that model.")] = None,
     rig: RigOption = "simulated",
     feedback: Annotated[
-        bool, Option("--feedback/--no-feedback", help="Learn the finger's gain, careful until it is known.")
-    ] = False,
+        bool, Option("--feedback/--no-feedback", help="Learn the finger's gain, as the daemon does.")
+    ] = True,
+    perception: Annotated[str, named("perception", "Thresholds of what a finger feels")] = "published",
     as_json: Json = False,
 ) -> None:
     """Slide a finger over a texture on a simulated rig and compare friction with its target.
 
-    Every command goes as bytes over TCP to a simulated generator; friction is read back through a simulated force
-    sensor. Without `--trace` the finger makes two strokes of its own. The finger follows `--model`, the one that the
-    surface is built from, unless the rig's file names another.
+    It renders as the daemon does, by the same parts, in simulated time. Commands go as bytes over TCP to a simulated
+    generator; friction is read back through a simulated force sensor. Without `--trace` the finger makes two strokes of
+    its own. The finger follows `--model`, from which the surface is built, unless the rig's file names another.
 
     Example: `haptic demo --texture grating --out out/demo`
     """
@@ -67,14 +71,18 @@ def demo(
         file = read_surface(surface)
         if config.simulation.model is None or _given(context, "model"):
             _require_same_model(surface, file, description)
-    settings = tick_settings(config, file, wanted, feedback_latency_s=config.output.latency_s if feedback else None)
+    settings = render_settings(config, file, feedback=feedback)
+    thresholds = load_perception(perception)
     finger = description if config.simulation.model is None else load_model(config.simulation.model)
-    with SimulatedRig(config, TouchModel(finger)) as bench, progress("sliding", slide.time_s.size) as advance:
+    bench = SimulatedRig(config, TouchModel(finger), envelope=True)
+    with bench, progress("sliding", slide.time_s.size) as advance:
         record = render_slide(slide, wanted, settings, bench, advance)
-    result = score(record)
+    result = score(record, thresholds)
     picture = out / "friction.png"
     draw_slide(record, f"{texture} under the {slide.name}", picture)
-    payload = {**vars(result), "simulated": True, "surface_hash": file.content_hash, "pictures": [str(picture)]}
+    counts = {name: value for name, value in vars(result).items() if name != "fidelity"}
+    known = {"simulated": True, "surface_hash": file.content_hash, "pictures": [str(picture)]}
+    payload = asdict(result.fidelity) | counts | known
     report(as_json, payload, lambda: _show(record, result, slide, texture, picture))
 
 
@@ -99,14 +107,12 @@ def _require_same_model(path: Path, file: SurfaceFile, description: ModelDescrip
 def _show(record: SlideRecord, result: Score, slide: Slide, texture: str, picture: Path) -> None:
     stdout.print(Text.assemble(f"texture {texture}, {slide.name}, on a ", SIMULATED, " rig"))
     stdout.print(_table(record))
-    share = result.share_within_5_percent
-    judged = "nothing to judge: no" if math.isnan(share) else Text.assemble((f"{share:.1%}", "bold"), " of")
-    stdout.print(Text.assemble("within 5 % of target: ", judged, " sliding contact time with a reachable target"))
+    for sentence in said(result.fidelity):
+        stdout.print(sentence)
     stdout.print(
-        f"contact {result.contact_time_s:.2f} s, of which sliding {result.sliding_time_s:.2f} s; "
-        f"target reachable {result.reachable_share:.1%}; friction error {result.cof_error_rms:.4f} rms"
+        f"contact {result.contact_time_s:.2f} s, judged from {1e3 * AFTER_TOUCH_S:.0f} ms after each touch: "
+        f"{result.fidelity.sliding_time_s:.2f} s of sliding"
     )
-    stdout.print(_bands(result))
     stdout.print(
         f"highest voltage {result.max_voltage_v:.1f} V peak; output on without contact "
         f"{result.output_on_without_contact_s:.3f} s; refused by the safety gate {record.rejections}"
@@ -115,27 +121,16 @@ def _show(record: SlideRecord, result: Score, slide: Slide, texture: str, pictur
     stdout.print(f"picture: {picture}")
 
 
-def _bands(result: Score) -> str:
-    """How the roughness came out, by its bands."""
-    asked = [band for band in result.bands if band["asked_cof_rms"] > LEAST_COF]
-    if math.isnan(result.band_error):
-        return f"roughness: nothing is asked for in the bands from {result.bands[0]['low_hz']:g} Hz on"
-    felt = ", ".join(
-        f"{band['felt_cof_rms'] / band['asked_cof_rms']:.0%} at {band['low_hz']:.3g} to {band['high_hz']:.3g} Hz"
-        for band in asked
-    )
-    return f"roughness felt of what is asked for: {felt}; off by {result.band_error:.1%} over all bands"
-
-
 def _table(record: SlideRecord) -> Table:
     """Target against achieved friction, by level of target."""
     table = Table(
         "target", "achieved", "error", "within 5 %", "time", title="friction while sliding", title_justify="left"
     )
-    judged = record.sliding & record.reachable
-    target, measured, error = record.target_cof[judged], record.measured_cof[judged], record.relative_error[judged]
+    judged = record.sliding & (record.samples["reachable"] == 1)
+    target, measured = record.target_cof[judged], record.measured_cof[judged]
     if not target.size:
         return table
+    error = measured / target - 1.0
     edges = np.linspace(target.min(), target.max() + 1e-9, TARGET_BINS + 1)
     for low, high in pairwise(edges):
         here = (target >= low) & (target < high)

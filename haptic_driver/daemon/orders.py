@@ -10,6 +10,7 @@ from haptic_driver.daemon.messages import SOMEBODY, DaemonState, Lease
 from haptic_driver.daemon.output_pump import OutputPump
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.daemon.state_machine import StateMachine
+from haptic_driver.errors import message_of
 from haptic_driver.processes.samples import Flag
 from haptic_driver.processes.shared_memory import NO_ORDER, Output, SharedState
 from haptic_driver.rig.states import RigEvent, RigState
@@ -28,7 +29,13 @@ class Orders:
         self.machine = StateMachine()
         self.order = NO_ORDER
         output = settings.config.output
-        self.pump = OutputPump(shared, output.setpoint_interval_s, output.linger_s, self.fail, clock)
+        self.pump = OutputPump(
+            shared,
+            output.setpoint_interval_s,
+            output.linger_s,
+            lambda error: self.fail(message_of(error)),
+            clock,
+        )
         self._shared = shared
         self._events = events
         self._clock = clock

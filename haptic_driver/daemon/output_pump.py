@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from haptic_driver.errors import message_of
+from haptic_driver.errors import HapticError
 from haptic_driver.processes.shared_memory import CLOSED, Driven, Output, SharedState
 from haptic_driver.rig.actuator import Actuator
 from haptic_driver.rig.states import RigState
@@ -33,7 +33,7 @@ class OutputPump:
         shared: SharedState,
         interval_s: float,
         linger_s: float,
-        failed: Callable[[str], object],
+        failed: Callable[[Exception], object],
         clock: Callable[[], float],
     ) -> None:
         self.actuator: Actuator | None = None
@@ -108,7 +108,7 @@ class OutputPump:
                 self._up_s = math.inf
             self._tell()
             if failure := self._shared.played.read().failure:
-                self._failed(failure)
+                self._failed(HapticError("envelope_failed", failure, "look at the analog output"))
 
     def _tell(self) -> None:
         """What may go out now; also while a command is going out, which must not keep an envelope from its end."""
@@ -138,7 +138,7 @@ class OutputPump:
         try:
             actuator.command(now_s, command)
         except Exception as error:  # the pump goes on
-            self._failed(message_of(error))
+            self._failed(error)
         if self.output_on and not was_on:
             self._up_s = self._clock() + START_S  # after the dialogue, which takes as long as it likes
 

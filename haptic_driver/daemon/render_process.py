@@ -18,7 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from haptic_driver.daemon.asked_for import AskedFor
+from haptic_driver.daemon.asked_for import Asked, AskedFor
 from haptic_driver.processes import parent, real_time
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import Due
@@ -165,7 +165,8 @@ class Renderer:
         self._shared.output.write(output)
         if self._settings.envelope:
             self._shared.courses.write((output.order, *self._kept.course_v2.tolist()))
-        self._asked.add(due.due_s + self._latency_s, done.target.cof, done.wanted.cof)
+        asked = Asked(done.target.cof, done.wanted.cof, done.wanted.reachable)
+        self._asked.add(due.due_s + self._latency_s, asked)
         self._shared.ring.write(self._sample(due, heard, done, output, self._kept))
         return output
 
@@ -178,6 +179,11 @@ class Renderer:
         kept, done, output = self._decide(due, heard)
         self._practice.write(output)
         self._shared.ring.put(self._sample(due, heard, done, output, kept))
+
+    @property
+    def rejections(self) -> int:
+        """How often the safety gate said no since arming."""
+        return self._kept.state.safety.rejections
 
     def stop(self) -> None:
         """Leave zero behind."""
@@ -281,19 +287,37 @@ class Renderer:
         finger, sensed = done.finger, heard.sensed
         speed_m_s = _speed_m_s(finger)
         sliding = finger.in_contact and speed_m_s >= SLIDING_M_S and sensed.normal_force_n > 0.0
-        known = sliding and not self._is_stale(sensed, due.due_s)
+        known = sliding and not sensed.saturated and not self._is_stale(sensed, due.due_s)
         measured = abs(sensed.lateral_force_n) / sensed.normal_force_n if known else math.nan
         felt_s = sensed.force_time_s
-        target, expected = self._asked.at(felt_s - FINGER_LAG_M / max(speed_m_s, SLIDING_M_S))
+        asked = self._asked.at(felt_s - FINGER_LAG_M / max(speed_m_s, SLIDING_M_S))
         return (
-            due.number, due.due_s, due.lateness_s, self._clock() - due.due_s - due.lateness_s,
-            sensed.finger_time_s, sensed.position_x_m, sensed.position_y_m,
-            finger.position_x_m, finger.position_y_m, speed_m_s,
-            sensed.normal_force_n, sensed.lateral_force_n, finger.in_contact,
-            felt_s, target, expected, measured, due.due_s + self._latency_s, done.target.cof,
-            kept.state.controller.estimate.gain, output.frequency_hz, output.voltage_v,
-            output.output_on and due.due_s >= heard.driven_since_s, output.flags,
-        )  # fmt: skip
+            due.number,
+            due.due_s,
+            due.lateness_s,
+            self._clock() - due.due_s - due.lateness_s,
+            sensed.finger_time_s,
+            sensed.position_x_m,
+            sensed.position_y_m,
+            finger.position_x_m,
+            finger.position_y_m,
+            speed_m_s,
+            sensed.normal_force_n,
+            sensed.lateral_force_n,
+            finger.in_contact,
+            felt_s,
+            asked.target_cof,
+            asked.reachable,
+            asked.expected_cof,
+            measured,
+            due.due_s + self._latency_s,
+            done.target.cof,
+            kept.state.controller.estimate.gain,
+            output.frequency_hz,
+            output.voltage_v,
+            output.output_on and due.due_s >= heard.driven_since_s,
+            output.flags,
+        )
 
 
 def _speed_m_s(finger: FingerState | FingerTracking) -> float:

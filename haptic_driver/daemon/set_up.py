@@ -125,6 +125,13 @@ def latency_budget_s(config: RigConfig, period_s: float, lead_s: float) -> dict[
     return parts | {"total": sum(parts.values())}
 
 
+def reach_hz(config: RigConfig) -> float:
+    """The highest frequency of friction that the rig's output can make: half the rate at which it changes."""
+    if isinstance(config.analog_output, NoAnalogOutput):
+        return 0.5 / config.output.setpoint_interval_s
+    return 0.5 / PERIOD_S
+
+
 def _sensor_period_s(config: RigConfig) -> float:
     """How often the finger's place is told."""
     match config.finger_tracker:

@@ -64,7 +64,7 @@ def draw_before_and_after(records: Mapping[str, SlideRecord], path: Path) -> Non
                 axes.fill_between(x, *band, color=TARGET, alpha=0.15, lw=0, label="target ± 5 %")
                 axes.plot(x, target, color=TARGET, lw=1.5, label="target")
                 axes.plot(x, record.measured_cof[stroke], color=ACHIEVED, lw=1.0, label="achieved")
-            share = score(record).share_within_5_percent
+            share = score(record).fidelity.share_within_5_percent or 0.0
             axes.set(title=f"{title}: {share:.0%} within 5 %", xlabel="position, mm")
             axes.grid(alpha=0.25)
         panels[0][0].set(ylabel="coefficient of friction")

@@ -45,8 +45,9 @@ SAMPLE = np.dtype(
         ("normal_force_n", "f8"),
         ("lateral_force_n", "f8"),
         ("in_contact", "u1"),
-        ("felt_time_s", "f8"),  # of the force reading, to which the next three belong
+        ("felt_time_s", "f8"),  # of the force reading, to which the next four belong
         ("target_cof", "f8"),  # of the moment that was felt, latency and lag taken out; NaN where nothing was asked
+        ("reachable", "u1"),  # whether that target was
         ("expected_cof", "f8"),
         ("measured_cof", "f8"),  # NaN without sliding contact
         ("asked_time_s", "f8"),  # when what this tick decides acts on the finger

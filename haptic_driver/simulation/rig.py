@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from math import pi
 from typing import Self
 
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import build_rig
 from haptic_driver.rig.part import Wiring
+from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
 from haptic_driver.rig.parts.electrode_monitors import SimulatedElectrodeMonitorConfig
 from haptic_driver.simulation.friction import ElectrodeLaw, FrictionLaw, electrode_of, friction_of, with_hidden
 from haptic_driver.simulation.instruments import SCALE, SINE_WITHOUT_BIAS, SimulatedInstruments
+from hw.analog.output import AnalogOutput
+from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.errors import DeviceTimeout
 from hw.force.net_ft import NetFt, NetFtSettings
 from hw.force.sensor import ForceAxes, ForceReading
@@ -25,6 +29,7 @@ from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
 from model.touch_model import TouchModel
 
+RESEND_S = 0.05
 TIMEOUT_S = 60.0  # of instruments that are there: simulated time stands still meanwhile, whatever the machine does
 
 
@@ -36,7 +41,8 @@ class SimulatedRig:
     rig's configuration hides; friction without the other leaves nothing to read at the electrode. `wrap`: see
     `SimulatedInstruments`. `through` may put something around the driver's transport, such as a wire log.
     `reply_timeout_s`: how long the driver waits for the generator, in place of the configuration's, which is meant for
-    real time. `touch_gain` multiplies the current of the model's touch, beside the stray one.
+    real time. `touch_gain` multiplies the current of the model's touch, beside the stray one. With `envelope` the
+    generator's amplitude follows the analog output of a rig that has one; `analog_output` is its driver's end.
     """
 
     def __init__(
@@ -48,6 +54,7 @@ class SimulatedRig:
         electrode: ElectrodeLaw | None = None,
         through: Callable[[Transport], Transport] = lambda transport: transport,
         reply_timeout_s: float = TIMEOUT_S,
+        envelope: bool = False,
     ) -> None:
         generator = config.waveform_generator.model_copy(update={"reply_timeout_s": reply_timeout_s})
         config = config.model_copy(update={"waveform_generator": generator})
@@ -58,11 +65,12 @@ class SimulatedRig:
         self._stray_f = None if friction else stray_f + finger.description.values.stray_capacitance_f
         self.touch_gain = 1.0
         self._seen: ElectrodeState | None = None  # what the monitors look at
-        self._config, self._monitors = config, electrode_monitors(config, lambda: self._seen)
+        self.config, self._monitors = config, electrode_monitors(config, lambda: self._seen)
+        self.analog_output = self._analog_output() if envelope else None
         transport = TcpTransport.from_resource(self.instruments.generator_server.resource)
         self._force = _SteppedForceSensor(self.instruments)
         lines = Wiring(enable=self.amplifier, voltage_monitor=self.amplifier)
-        self.rig = build_rig(config, through(transport), self._force, lines)
+        self.rig = build_rig(config, through(transport), self._force, lines, modulated=self.analog_output is not None)
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
         """Let `dt_s` pass with the finger pressing and sliding so; the rig's outputs act on it."""
@@ -70,11 +78,23 @@ class SimulatedRig:
 
     def read_electrode(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading | None:
         """What the first monitor that tells this carrier reads now; None without one, or where nothing is known."""
-        i = self._config.electrode_monitor(frequency_hz)
+        i = self.config.electrode_monitor(frequency_hz)
         self._seen = None if i is None else self._electrode_state()
         if i is None or self._seen is None:
             return None
         return self._monitors[i].read(frequency_hz, voltage_v)
+
+    def read_force(self) -> ForceReading:
+        """What the force sensor says now."""
+        return self._force.read()
+
+    def _analog_output(self) -> AnalogOutput | None:
+        section, card = self.config.analog_output, self.instruments.card
+        if not isinstance(section, SimulatedAnalogOutputConfig) or card is None:
+            return None
+        return SimulatedAnalogOutput(
+            lambda: card, section.settings(), clock=lambda: self.instruments.time_s, watch=False
+        )
 
     def _electrode_state(self) -> ElectrodeState | None:
         if self._electrode is None:
@@ -95,6 +115,9 @@ class SimulatedRig:
             started.enter_context(self.instruments)
             started.callback(self._force.box.close)
             started.callback(self.rig.close)
+            if self.analog_output is not None:
+                started.callback(self.analog_output.close)
+                self.analog_output.open()
             self._force.box.open()
             self._started = started.pop_all()
         return self
@@ -128,11 +151,19 @@ class _SteppedForceSensor:
 
     def read(self) -> ForceReading:
         """The forces now."""
-        heard, until_s = self.box.counters.accepted, time.monotonic() + TIMEOUT_S
-        self._instruments.force_box.emit(1)
-        reading = self.box.read()
-        while self.box.counters.accepted == heard:  # it is still on its way
-            if time.monotonic() > until_s:
-                raise DeviceTimeout(f"{self.box.resource} sent nothing", "a fault of the simulation")
-            reading = self.box.read()
-        return reading._replace(time_s=self._instruments.plant.time_s)
+        heard, until_s, sent_s = self.box.counters.accepted, time.monotonic() + TIMEOUT_S, -math.inf
+        reading: ForceReading | None = None
+        while reading is None:
+            now_s = time.monotonic()
+            if now_s > until_s:
+                raise DeviceTimeout(
+                    f"{self.box.resource} took no record for {TIMEOUT_S:g} s",
+                    "a fault of the simulation: no time has passed for the rig meanwhile",
+                )
+            if now_s - sent_s > RESEND_S:  # a busy machine loses datagrams, and is late with them
+                self._instruments.force_box.emit(1)
+                sent_s = now_s
+            with suppress(DeviceTimeout):  # nothing yet, or stale by the machine's clock, not the simulation's
+                newest = self.box.read()
+                reading = newest if self.box.counters.accepted > heard else None
+        return reading._replace(time_s=self._instruments.time_s)

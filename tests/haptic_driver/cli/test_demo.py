@@ -9,7 +9,7 @@ from tests.haptic_driver.config_texts import CONFIGS, SIMULATED, as_real_rig, ch
 
 CONTRACT = {
     "share_within_5_percent", "cof_error_rms", "contact_time_s", "reachable_share", "max_voltage_v",
-    "output_on_without_contact_s", "pictures", "band_error", "bands",
+    "output_on_without_contact_s", "pictures", "constant_share_within_5_percent", "band_gain", "band_coherence",
 }  # fmt: skip
 
 
@@ -35,10 +35,12 @@ def test_the_main_job(demo):
     assert set(said) >= CONTRACT
     assert said["share_within_5_percent"] >= 0.95
     assert said["reachable_share"] == 1.0
-    assert said["output_on_without_contact_s"] == 0.0
+    assert len(said["band_gain"]) == len(said["band_coherence"]) == 9
+    assert said["constant_share_within_5_percent"] < 0.6  # a grating of 0.6 to 0.8
+    assert said["output_on_without_contact_s"] < 0.1  # set points take 40 ms to fall, twice
     assert 50.0 < said["max_voltage_v"] <= 150.0
     assert 4.0 < said["contact_time_s"] < 6.4
-    assert 0.0 < said["cof_error_rms"] < 0.02
+    assert 0.0 < said["cof_error_rms"] < 0.04
     assert said["simulated"] is True
     assert said["pictures"]
     for picture in said["pictures"]:
@@ -49,7 +51,7 @@ def test_a_trace_of_ones_own(demo, tmp_path):
     status, said = demo("--trace", trace(tmp_path), "--texture", "uniform")
     assert status == 0
     assert said["contact_time_s"] == pytest.approx(0.590, abs=0.005)  # 60 rows, 10 ms apart
-    assert said["share_within_5_percent"] > 0.8  # of 0.6 s, the first 50 ms rise to the target
+    assert said["share_within_5_percent"] > 0.8  # of 0.5 s; a finger that nobody knows yet is approached from below
 
 
 def test_no_contact_is_no_result_and_no_warning(haptic, surface_path, tmp_path):
@@ -61,7 +63,7 @@ def test_no_contact_is_no_result_and_no_warning(haptic, surface_path, tmp_path):
     said = done.said
     assert said["share_within_5_percent"] is None
     assert said["contact_time_s"] == 0.0
-    assert said["max_voltage_v"] == 0.0
+    assert said["max_voltage_v"] <= 1.001  # the lowest of a 33220A
 
 
 def test_for_a_person(haptic, surface_path, tmp_path):
@@ -69,7 +71,8 @@ def test_for_a_person(haptic, surface_path, tmp_path):
     assert done.status == 0
     assert done.err == ""
     assert "on a simulated rig" in done.out
-    assert "within 5 % of target" in done.out
+    assert "within 5 % for" in done.out
+    assert "a constant" in done.out
     assert "refused by the safety gate 0" in done.out
     assert "generator says off, amplifier disabled" in done.out
 

@@ -8,7 +8,7 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.pictures.friction import draw_slide, draw_surface
 from haptic_driver.rig.slide import Slide
 from model.conditions import Conditions
-from tests.haptic_driver.slide_records import made_record
+from tests.haptic_driver.slide_records import made_record, made_samples
 
 
 def assert_picture(path):
@@ -25,8 +25,9 @@ def test_a_slide(tmp_path):
 def test_a_slide_without_contact_is_drawn_without_a_warning(tmp_path):
     nothing, time = np.zeros(300, bool), np.arange(300) * 1e-3
     lifted = made_record(
-        300, slide=Slide("lifted", time, 0.05 * time, np.zeros(300)), measured_cof=np.full(300, np.nan),
-        voltage_v=np.zeros(300), in_contact=nothing, off_screen=~nothing, max_voltage_v=0.0,
+        300, slide=Slide("lifted", time, 0.05 * time, np.zeros(300)),
+        samples=made_samples(300, measured_cof=np.nan, in_contact=0),
+        voltage_v=np.zeros(300), off_screen=~nothing, max_voltage_v=0.0,
     )  # fmt: skip
     draw_slide(lifted, "grating", tmp_path / "slide.png")
     assert_picture(tmp_path / "slide.png")

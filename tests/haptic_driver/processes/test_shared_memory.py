@@ -29,7 +29,7 @@ while time.monotonic() < until_s:
         k += 1
         x = float(k)
         shared.sensed.write(Sensed(x, x, x, True, x, x, x, bool(k % 2)))
-        shared.ring.write((k, *(x,) * 11, 1, *(x,) * 9, 1, k % 512))
+        shared.ring.write((k, *(x,) * 11, 1, *(x,) * 2, 1, *(x,) * 7, 1, k % 512))
 """
 
 

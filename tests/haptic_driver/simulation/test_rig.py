@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from haptic_driver.daemon.render_process import RenderSettings
+from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.errors import HapticError
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
@@ -15,7 +17,7 @@ from haptic_driver.rig.slide import Slide, synthetic_slide
 from haptic_driver.signals import DriveCommand
 from haptic_driver.simulation.friction import friction_of
 from haptic_driver.simulation.rig import SimulatedRig
-from haptic_driver.simulation.slide import render_slide, score
+from haptic_driver.simulation.slide import score
 from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
 from model.touch_model import TouchModel
@@ -29,11 +31,13 @@ def stages(surface, limits, rig_config):
     def make(texture):
         finger = FingerSettings(**rig_config.finger.model_dump(), output_latency_s=rig_config.output.latency_s)
         controller = Controller(ControllerSettings(surface, limits))
-        return TickSettings(finger, texture, controller, limits, DriveSettings(rig_config.output.voltage_rise_v_per_s))
+        drive = DriveSettings(rig_config.output.voltage_rise_v_per_s)
+        return RenderSettings(TickSettings(finger, texture, controller, limits, drive))
 
     return make
 
 
+FALL_TICKS = 50  # a set point is due every 10 ms, the generator takes 30 ms, and the pump a tick or two
 SILENT_S = 0.25  # is waited for an instrument that is going to be silent
 
 
@@ -53,33 +57,43 @@ def record(stages, rig_config, touch):
 
 def test_grating_is_rendered_within_5_percent(record):
     result = score(record)
-    assert result.share_within_5_percent >= 0.95
-    assert result.reachable_share == 1.0
-    assert result.sliding_time_s > 3.0
+    assert result.fidelity.share_within_5_percent >= 0.95
+    assert result.fidelity.reachable_share == 1.0
+    assert result.fidelity.sliding_time_s > 3.0
     assert record.rejections == 0
 
 
 def test_the_score_is_that_of_the_record(record):
-    """The share again, from the record alone."""
-    judged = record.in_contact & record.reachable & (np.abs(record.slide.speed_m_s) >= 2e-3)
-    error = np.abs(record.measured_cof - record.target_cof)[judged] / record.target_cof[judged]
-    assert score(record).share_within_5_percent == pytest.approx(np.mean(error <= 0.05))
+    """The share again, from what the finger did: the texture where it was, and forces averaged over 11 ms."""
+    slide, samples = record.slide, record.samples
+    touching = slide.normal_force_n > 0.15
+    touched = np.flatnonzero(np.diff(touching.astype(int)) == 1) + 1
+    since = np.arange(touching.size) - touched[np.searchsorted(touched, np.arange(touching.size), side="right") - 1]
+    judged = touching & (np.abs(slide.speed_m_s) >= 3e-3) & (since > 110)
+    lateral, normal = (
+        np.convolve(np.abs(samples[name]), np.ones(11) / 11.0, "same") for name in ("lateral_force_n", "normal_force_n")
+    )
+    wanted = np.convolve(GRATING.cof_at(slide.position_m, 0.03 * np.ones(touching.size)), np.ones(11) / 11.0, "same")
+    error = lateral[judged] / normal[judged] / wanted[judged] - 1.0
+    share = score(record).fidelity.share_within_5_percent
+    assert share == pytest.approx(np.mean(np.abs(error) <= 0.05), abs=0.01)
 
 
 def test_under_another_finger_the_same_slide_fails(stages, rig_config):
     """The figure above is not given: on the finger of Table I, which feels six times less force, it is missed."""
     with SimulatedRig(rig_config, TouchModel(load_model("table1"))) as bench:
         record = render_slide(press(), GRATING, stages(GRATING), bench, lambda _: None)
-    assert score(record).share_within_5_percent < 0.5
+    assert score(record).fidelity.share_within_5_percent < 0.5
 
 
 def test_the_electrode_sees_voltage_in_contact_and_none_off_the_screen(record, limits):
-    lifted = record.slide.normal_force_n < 0.02
-    assert lifted.sum() > 100
-    assert record.voltage_v[lifted].max() == 0.0
-    assert np.median(record.voltage_v[record.in_contact]) > 50.0
+    lifted = np.convolve(record.slide.normal_force_n < 0.02, np.ones(FALL_TICKS), "full")[: record.voltage_v.size]
+    gone = lifted >= FALL_TICKS
+    assert gone.sum() > 100
+    assert record.voltage_v[gone].max() <= 1.001 * record.lowest_voltage_v
+    assert np.median(record.voltage_v[record.samples["in_contact"] == 1]) > 50.0
     assert record.voltage_v.max() <= record.max_voltage_v <= limits.voltage_v
-    assert score(record).output_on_without_contact_s == 0.0
+    assert score(record).output_on_without_contact_s < 3 * FALL_TICKS * 1e-3  # two lifts, and before the first touch
     assert record.off.output_on is False
 
 
@@ -88,31 +102,40 @@ def test_targets_out_of_reach_are_flagged_and_do_not_count(stages, rig_config, t
     with SimulatedRig(rig_config, touch) as bench:
         record = render_slide(press(), texture, stages(texture), bench, lambda _: None)
     result = score(record)
-    assert result.reachable_share == 0.0
-    assert math.isnan(result.share_within_5_percent)
+    assert result.fidelity.reachable_share == 0.0
+    assert result.fidelity.share_within_5_percent is None
     assert record.rejections == 0
 
 
 @pytest.mark.parametrize("force_n", [0.0, 0.05, 0.09])
-def test_a_wobble_below_the_contact_threshold_keeps_the_output_off(stages, rig_config, touch, force_n):
+def test_a_wobble_below_the_contact_threshold_keeps_the_output_at_its_lowest(stages, rig_config, touch, force_n):
     time = np.arange(0.0, 0.5, 1e-3)
     wobble = Slide("wobble", time, 0.04 * time, force_n * (1.0 + np.sin(2.0 * np.pi * 8.0 * time)) * 0.5)
     with SimulatedRig(rig_config, touch) as bench:
         record = render_slide(wobble, GRATING, stages(GRATING), bench, lambda _: None)
-        assert bench.amplifier.output_on_s == 0.0
-        assert bench.amplifier.max_voltage_v == 0.0
-    assert not record.in_contact.any()
+        assert bench.amplifier.max_voltage_v <= 1.001 * record.lowest_voltage_v
+    assert not record.samples["in_contact"].any()
     assert score(record).contact_time_s == 0.0
 
 
-def test_lifting_takes_the_voltage_off_at_once(stages, rig_config, touch):
+def test_lifting_takes_the_voltage_to_its_lowest(stages, rig_config, touch):
     slide = press()
-    slide.normal_force_n[200:] = 0.0
+    slide.normal_force_n[300:] = 0.0
     with SimulatedRig(rig_config, touch) as bench:
         record = render_slide(slide, GRATING, stages(GRATING), bench, lambda _: None)
-    assert record.voltage_v[199] > 50.0
-    # tick 200 still reads the force of tick 199; tick 201 feels the lift and switches the amplifier within itself
-    assert record.voltage_v[201:].max() == 0.0
+    assert record.voltage_v[299] > 50.0
+    assert record.voltage_v[300 + FALL_TICKS :].max() <= 1.001 * record.lowest_voltage_v
+
+
+def test_a_finger_that_stays_away_lets_the_output_go_off(stages, rig_config, touch):
+    output = rig_config.output.model_copy(update={"linger_s": 0.1})
+    slide = press(0.5)
+    slide.normal_force_n[250:] = 0.0
+    with SimulatedRig(rig_config.model_copy(update={"output": output}), touch) as bench:
+        record = render_slide(slide, GRATING, stages(GRATING), bench, lambda _: None)
+    assert record.voltage_v[249] > 50.0
+    assert record.voltage_v[310] > 0.0
+    assert record.voltage_v[360:].max() == 0.0
 
 
 def test_friction_of_the_plant_is_the_models(touch):
@@ -161,7 +184,7 @@ def test_a_generator_that_fails_in_the_middle_of_a_slide(stages, rig_config, tou
     with SimulatedRig(rig_config, touch, wrap=faulty, reply_timeout_s=SILENT_S) as bench:
 
         def spoil(tick):
-            if tick == 150:
+            if tick == 250:
                 assert bench.instruments.voltage_v > 50.0
                 faulty.begin(fault, count)
 
@@ -226,7 +249,7 @@ def test_rendering_goes_on_after_a_fault_has_passed(stages, rig_config, touch):
 
 def test_an_interrupt_leaves_the_output_off(stages, rig_config, touch):
     def interrupt(tick):
-        if tick == 150:
+        if tick == 250:
             raise KeyboardInterrupt
 
     with SimulatedRig(rig_config, touch) as bench:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from haptic_driver.config import texture_dirs
+from haptic_driver.daemon.set_up import render_settings
+from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.slide import Slide, synthetic_slide
-from haptic_driver.rig.tick_settings import tick_settings
 from haptic_driver.simulation.friction import surface_friction
 from haptic_driver.simulation.rig import SimulatedRig
-from haptic_driver.simulation.slide import render_slide
 from haptic_driver.textures.library import load_texture
 from tests.hw.testing.recording import Recording, Replay, ReplayMismatch
 
@@ -45,7 +45,7 @@ def replaying(path):
 def demo(rig_config, touch, surface_file, limits):
     """The demo's own slide, texture and stages on a rig whose transport goes `through` something."""
     texture = load_texture("grating", texture_dirs())
-    settings = tick_settings(rig_config, surface_file, texture)
+    settings = render_settings(rig_config, surface_file)
     friction = surface_friction(surface_file, limits)  # the finger matters less here than its speed
 
     def run(through, slide=None):

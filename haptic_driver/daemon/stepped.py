@@ -1,0 +1,169 @@
+"""A slide rendered by the daemon's own parts in simulated time: what `haptic demo` does, however slow the machine."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+
+import numpy as np
+
+from haptic_driver.daemon.envelope_process import EnvelopeLoop
+from haptic_driver.daemon.output_pump import OutputPump
+from haptic_driver.daemon.render_process import Renderer, RenderSettings
+from haptic_driver.daemon.set_up import reach_hz
+from haptic_driver.processes.real_time import Due
+from haptic_driver.processes.shared_memory import Order, Sensed, SharedState
+from haptic_driver.render.texture import Texture
+from haptic_driver.rig.actuator import make_actuator
+from haptic_driver.rig.devices import modulation_input
+from haptic_driver.rig.envelope_writer import EnvelopeWriter, Lead
+from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
+from haptic_driver.rig.slide import TICK_S, Slide
+from haptic_driver.simulation.lines import PANEL, SCREEN
+from haptic_driver.simulation.rig import SimulatedRig
+from haptic_driver.simulation.slide import SlideRecord
+from hw.finger.simulated_touch_screen import SimulatedTouchScreen
+from hw.finger.touch_screen import TouchEvents, TouchReports, TouchScreen
+
+FINGER_Y_M = 0.030
+TOUCH_N = 0.02  # from this force on the screen feels the finger
+UP_TICKS = 300  # more than START_S
+BEGUN = Order(1, 1, True, math.inf, math.inf, 1, 0)
+
+
+class SteppedDaemon:
+    """Sensors, render, pump and envelope of a simulated rig that was made with `envelope`, by one simulated clock.
+
+    Between `connect` and `close`, inside the rig's own `with` block.
+    """
+
+    def __init__(self, settings: RenderSettings, bench: SimulatedRig, texture: Texture) -> None:
+        self.bench = bench
+        self.shared = SharedState()
+        self.failures: list[Exception] = []
+        output = bench.config.output
+        self._pump = OutputPump(
+            self.shared, output.setpoint_interval_s, output.linger_s, self.failures.append, self._now_s
+        )
+        self._pump.actuator = make_actuator(bench.config, bench.rig)
+        self._renderer = Renderer(settings, self.shared, clock=self._now_s)
+        self._envelope = self._envelope_loop()
+        self._panel = SimulatedTouchScreen(PANEL, clock=self._now_s)
+        os.set_blocking(self._panel.descriptor, False)
+        reports = TouchReports(
+            self._panel.descriptor,
+            TouchEvents(None),
+            name="simulated touch screen",
+            close=lambda: os.close(self._panel.descriptor),
+        )
+        self._screen = TouchScreen(reports, SCREEN, clock=self._now_s)
+        self.shared.targets.write(BEGUN.target, texture)
+        self._ticks = 0
+
+    @property
+    def rejections(self) -> int:
+        """How often the safety gate said no."""
+        return self._renderer.rejections
+
+    def connect(self) -> None:
+        """Connect the rig and let out what render decides from now on."""
+        self.bench.rig.connect()
+        self._pump.open(BEGUN.number)
+
+    def tick(self, position_m: float, normal_force_n: float, speed_m_s: float) -> None:
+        """Let a tick pass with the finger pressing and sliding so. Raises HapticError for what failed."""
+        self._ticks += 1
+        self.bench.step(TICK_S, normal_force_n, speed_m_s)
+        now_s = self._now_s()
+        if normal_force_n >= TOUCH_N:
+            self._panel.put(position_m, FINGER_Y_M)
+        else:
+            self._panel.lift()
+        self.shared.sensed.write(self._sensed())
+        self.shared.order.write(BEGUN._replace(beat_s=now_s))
+        self._pump.turn(now_s)  # what render said a tick ago
+        self._renderer.step(Due(self._ticks, now_s, 0.0, 0))
+        if self._envelope is not None:
+            self._envelope.turn(now_s)
+        if self.failures:
+            raise self.failures[0]
+
+    def close(self) -> None:
+        """Nothing more goes out; the rig is its own to switch off."""
+        self._pump.close()
+        self._screen.close()
+        os.close(self._panel.output)
+        self.shared.close()
+
+    def _now_s(self) -> float:
+        return self.bench.instruments.time_s
+
+    def _sensed(self) -> Sensed:
+        finger, force = self._screen.read(), self.bench.read_force()
+        somewhere = math.isfinite(finger.position_x_m)
+        return Sensed(
+            finger.time_s,
+            finger.position_x_m,
+            finger.position_y_m,
+            finger.touching and somewhere,
+            force.time_s,
+            force.normal_force_n,
+            force.lateral_force_n,
+            force.saturated,
+        )
+
+    def _envelope_loop(self) -> EnvelopeLoop | None:
+        config, output = self.bench.config, self.bench.analog_output
+        section, modulation = config.analog_output, modulation_input(config)
+        if output is None or modulation is None or isinstance(section, NoAnalogOutput):
+            return None
+        rise_v_per_s = config.output.voltage_rise_v_per_s
+        writer = EnvelopeWriter(output, modulation, section.envelope_rate_hz, rise_v_per_s)
+        return EnvelopeLoop(self.shared, writer, Lead(section.lead_s, section.buffer_s))
+
+
+def render_slide(
+    slide: Slide,
+    texture: Texture,
+    settings: RenderSettings,
+    bench: SimulatedRig,
+    progress: Callable[[int], None] = lambda tick: None,
+) -> SlideRecord:
+    """Run a slide tick by tick; `progress` is called with every tick's number.
+
+    The rig is connected here and switched off at the end, whatever happens. Raises HapticError.
+    """
+    count = slide.time_s.size
+    voltage_v, frequency_hz, samples = np.empty(count), np.empty(count), []
+    saturated = np.zeros(count, bool)
+    daemon = SteppedDaemon(settings, bench, texture)
+    try:
+        daemon.connect()
+        for _ in range(UP_TICKS):  # as at a daemon that renders already when the finger comes
+            daemon.tick(float(slide.position_m[0]), 0.0, 0.0)
+        speed_m_s = slide.speed_m_s.tolist()
+        for i, (x_m, load_n) in enumerate(zip(slide.position_m.tolist(), slide.normal_force_n.tolist(), strict=True)):
+            daemon.tick(x_m, load_n, speed_m_s[i])
+            samples.append(daemon.shared.ring.newest(1))
+            voltage_v[i], frequency_hz[i] = bench.instruments.voltage_v, bench.instruments.frequency_hz
+            saturated[i] = daemon.shared.sensed.read().saturated
+            progress(i)
+    finally:
+        off = bench.rig.off()
+        daemon.close()
+    config = bench.config
+    return SlideRecord(
+        slide=slide,
+        samples=np.concatenate(samples),
+        voltage_v=voltage_v,
+        frequency_hz=frequency_hz,
+        off_screen=slide.normal_force_n < 0.5 * settings.tick.finger.contact_off_n,
+        saturated=saturated,
+        lowest_voltage_v=bench.rig.minimum_voltage_v,
+        max_voltage_v=bench.amplifier.max_voltage_v,
+        rejections=daemon.rejections,
+        off=off,
+        reach_hz=reach_hz(config),
+        noise_n=config.simulation.force_noise_n,
+    )
