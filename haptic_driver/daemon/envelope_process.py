@@ -122,7 +122,7 @@ def main() -> None:
     output, open_output = settings.output()
     section = settings.section
     writer = EnvelopeWriter(output, settings.modulation, section.envelope_rate_hz, settings.rise_v_per_s)
-    with compilation_said("envelope process"):
+    with compilation_said("envelope process", parent.still):
         writer.warm_up()
     refuse_to_compile()
     open_output()

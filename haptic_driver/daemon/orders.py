@@ -10,6 +10,7 @@ from haptic_driver.daemon.messages import SOMEBODY, DaemonState, Lease
 from haptic_driver.daemon.output_pump import OutputPump
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.daemon.state_machine import StateMachine
+from haptic_driver.daemon.timing import ENOUGH, RECENT_TICKS, timing_of
 from haptic_driver.errors import message_of
 from haptic_driver.processes.samples import Flag
 from haptic_driver.processes.shared_memory import NO_ORDER, Output, SharedState
@@ -36,6 +37,8 @@ class Orders:
             lambda error: self.fail(message_of(error)),
             clock,
         )
+        self._simulated = settings.config.simulated
+        self._period_s = settings.render.period_s
         self._shared = shared
         self._events = events
         self._clock = clock
@@ -93,6 +96,7 @@ class Orders:
         """Fault, and off: where instruments are silent it takes seconds to learn that nobody knows whether it is."""
         if self.machine.state is DaemonState.FAULT:
             return
+        reason += self._excuse()
         with self.lock:
             news = self.machine.fault(reason)
             self._flags |= Flag.FAULT
@@ -102,6 +106,15 @@ class Orders:
             self._events.tell("fault", reason)
         self.pump.off()
         self.pump.undo_late_command()
+
+    def _excuse(self) -> str:
+        """Of simulated instruments: that this machine was late, which on a rig would be no fault of the instruments."""
+        if not self._simulated:
+            return ""
+        found = timing_of(self._shared.ring.newest(RECENT_TICKS), self._period_s)
+        if found.in_time is None or found.in_time >= ENOUGH:
+            return ""
+        return f" (this machine was late meanwhile: {found.in_time:.0%} of the last {RECENT_TICKS} ticks in time)"
 
     def reset(self) -> None:
         """Fault -> idle, without flags."""

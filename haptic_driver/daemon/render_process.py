@@ -368,7 +368,7 @@ def main() -> None:
     settings: RenderSettings = parent.given()
     shared = SharedState(descriptor)
     renderer = Renderer(settings, shared)
-    with compilation_said("render process"):
+    with compilation_said("render process", parent.still):
         renderer.warm_up()
     refuse_to_compile()
     granted = real_time.enter()

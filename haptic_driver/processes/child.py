@@ -24,6 +24,8 @@ ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
 class Child:
     """One process, run as a module of this program; it says one JSON line when it is ready.
 
+    What it says it is doing before, such as compiling, is waited for.
+
     It is in a group of its own, so that what interrupts the daemon does not end it before the output is off; and in the
     daemon's session, among which Linux shares a busy processor before it looks at niceness.
     """
@@ -69,11 +71,15 @@ class Child:
         return f"the {self.name} process was {how}" if status < 0 else f"the {self.name} process {how}"
 
     def ready(self, timeout_s: float) -> dict[str, Any]:
-        """What it said when it was ready. Raises HapticError when it does not get there."""
+        """What it said when it was ready. Raises HapticError when it falls silent for so long before."""
+        doing = ""
         with suppress(queue.Empty, json.JSONDecodeError):
-            said: dict[str, Any] = json.loads(self._said.get(timeout=timeout_s))
-            return said
-        why = self.ended or f"the {self.name} process said nothing for {timeout_s:g} s"
+            while True:
+                said: dict[str, Any] = json.loads(self._said.get(timeout=timeout_s))
+                if "doing" not in said:
+                    return said
+                doing = f" while {said['doing']}"
+        why = self.ended or f"the {self.name} process said nothing for {timeout_s:g} s{doing}"
         self.kill()
         raise HapticError("not_started", why, "what it wrote to standard error says more")
 
@@ -97,7 +103,9 @@ class Child:
 
     def _listen(self) -> None:
         assert self._process.stdout is not None
-        self._said.put(self._process.stdout.readline())
+        while line := self._process.stdout.readline():
+            self._said.put(line)
+        self._said.put(b"")  # it has ended
 
     def _give(self, given: bytes) -> None:
         """Its standard input stays open afterwards: its end tells a child that we are gone."""

@@ -42,14 +42,19 @@ def compilation(tell: Callable[[str | None, int], None]) -> Iterator[None]:
 
 
 @contextmanager
-def compilation_said(process: str) -> Iterator[None]:
-    """A line on stderr for each kernel that is waited for, from a process that is looked at through its log."""
+def compilation_said(process: str, still: Callable[[str], object] = lambda doing: None) -> Iterator[None]:
+    """A line on stderr for each kernel that is waited for, from a process that is looked at through its log.
+
+    `still` is told of every kernel, so that whoever waits for this process knows that it is at work.
+    """
     waiting = False
 
     def say(kernel: str | None, _: int) -> None:
         nonlocal waiting
-        if kernel is not None and not waiting:
-            print(f"{process}: compiling {kernel}, this once", file=sys.stderr, flush=True)
+        if kernel is not None:
+            still(f"compiling {kernel}")
+            if not waiting:
+                print(f"{process}: compiling {kernel}, this once", file=sys.stderr, flush=True)
         waiting = kernel is not None
 
     with compilation(say):

@@ -17,6 +17,11 @@ def given() -> Any:
         sys.exit(1)
 
 
+def still(doing: str) -> None:
+    """What takes long before this process is ready; whoever waits for it goes on waiting."""
+    tell({"doing": doing})
+
+
 def tell(said: Mapping[str, Any]) -> None:
     """One JSON line on standard output, such as that this process is ready."""
     try:

@@ -39,7 +39,7 @@ from haptic_driver.render.surface import (
 )
 from haptic_driver.signals import Array, DriveCommand, FingerState, OperatingPoint, TargetFriction
 
-IDLE_HZ = 10e3  # before the first target
+IDLE_HZ = 10e3  # where the frequency does not matter
 CLEAR = 1.0 - 1e-9  # of a limit: kept clear of it against rounding
 CORRECTION_ROUNDS = 4
 FREQUENCY_ROUNDS = 2  # of them choose the frequency too; later ones find the voltage alone
@@ -166,7 +166,8 @@ def step(
         then = feedback.in_force(commands, finger.time_s - control.law.latency_s, control.law.timing_s)
         known = feedback.learnt(control.surface, control.correction, control.law, known, then, finger)
     if not (target.active and target.cof > 0.0 and finger.normal_force_n > 0.0):
-        idle_hz = IDLE_HZ if np.isnan(state.frequency_hz) else state.frequency_hz
+        # before the first target the carrier waits where it will most likely be wanted: to move it takes SCPI
+        idle_hz = usual_hz(control) if np.isnan(state.frequency_hz) else state.frequency_hz
         idle = OperatingPoint(idle_hz, 0.0, np.nan, 0.0, 0.0, True, np.nan, np.nan)
         return ControllerState(state.frequency_hz, known, commands), idle
     frequency_hz, inverse, factors = chosen(control, known, target.cof, finger, state.frequency_hz)
@@ -175,6 +176,15 @@ def step(
         frequency_hz, inverse, factors = chosen(control, known, target.cof, finger, frequency_hz)
     point = as_felt(frequency_hz, inverse, factors, known.gains, target.cof)
     return ControllerState(frequency_hz, known, commands), point
+
+
+@kernel
+def usual_hz(control: Control) -> float:
+    """The carrier with most authority under a usual load."""
+    if not np.isnan(control.choice.fixed_hz):
+        return control.choice.fixed_hz
+    nodes = control.surface.log_normal_force
+    return float(np.exp(control.surface.log_frequency[best_node(control, np.inf, np.exp(nodes[nodes.size // 2]))]))
 
 
 @kernel

@@ -15,6 +15,7 @@ from hw.errors import DeviceError
 from hw.generator.settings import ModulationInput
 
 LEAST_LEAD_S = 0.003  # two ticks, and one for what the machine always is late by
+MOST_LEAD_S = 0.03  # a stall that takes longer costs a gap: everything would come late for its sake
 LEAD_STEP_S = 0.001  # render takes up each new lead
 SPARE = 1.25  # of the lateness seen: the next may be longer
 REMEMBERED_S = 600.0
@@ -52,7 +53,7 @@ class Lead:
         if self._fixed_s is not None:
             return self._fixed_s
         wanted_s = LEAST_LEAD_S + SPARE * max(self._worst_s)
-        return min(math.ceil(wanted_s / LEAD_STEP_S) * LEAD_STEP_S, self._most_s)
+        return min(math.ceil(wanted_s / LEAD_STEP_S) * LEAD_STEP_S, MOST_LEAD_S, self._most_s)
 
 
 class EnvelopeWriter:

@@ -18,6 +18,7 @@ import socket
 import sys
 import threading
 import time
+from collections.abc import Callable
 from contextlib import closing, suppress
 from pathlib import Path
 
@@ -37,6 +38,7 @@ from hw.analog.simulated_output import CardMemory
 from hw.finger.simulated_touch_screen import SimulatedTouchScreen
 from hw.monitor.contract import ElectrodeReading
 from hw.monitor.simulated import ElectrodeState
+from hw.serving.responder import Responder
 from hw.serving.tcp import TcpServer
 from hw.transport.running import RunningTogether
 from model.touch_model import TouchModel
@@ -65,15 +67,16 @@ class SlidingFinger(RunningTogether):
         recording = None if record is None else _Record(record)
         on_drive = recording.note if recording else lambda frequency_hz, voltage_v: None
         card, self._card = CardMemory.create()
+        self._stepping = threading.RLock()
         self._began_s = time.monotonic()
-        self.instruments = SimulatedInstruments(config, friction, on_drive=on_drive, card=card)
+        self.instruments = SimulatedInstruments(config, friction, wrap=self._up_to_date, on_drive=on_drive, card=card)
         self.instruments.time_s = self._began_s
         self._slide = slide or synthetic_slide()
         self._speed_m_s = self._slide.speed_m_s
         self._screen = SimulatedTouchScreen(PANEL, clock=lambda: self.instruments.time_s)
         self._config, self._electrode = config, electrode
         self._monitors = electrode_monitors(config, self._electrode_state)
-        self._lines_server = TcpServer(LinesServer(self.instruments, self._read_electrode))
+        self._lines_server = TcpServer(self._up_to_date(LinesServer(self.instruments, self._read_electrode)))
         self._touch_server = _TouchServer(self._screen)
         super().__init__(
             *([closing(recording)] if recording else []),
@@ -95,16 +98,23 @@ class SlidingFinger(RunningTogether):
         here = f"/proc/{os.getpid()}/fd/{self._card}"
         return always if self.instruments.card is None else always | {"analog_output": here}
 
-    def step(self, dt_s: float) -> None:
-        """Let `dt_s` pass: the finger moves on, the outputs act on it, the sensors tell.
+    def catch_up(self) -> None:
+        """Let the time pass that has passed: the finger moves on, the outputs act on it, the sensors tell.
 
-        What a busy machine missed has happened all the same, in steps as short as ever up to a limit.
+        What a busy machine missed has happened all the same, in steps as short as ever up to a limit. Whoever asks an
+        instrument is answered for the present, and not for when this process last had its turn.
         """
-        steps = min(round(dt_s / STEP_S), MOST_STEPS) or 1
-        for _ in range(steps):
-            self._move(dt_s / steps)
-        self._touch_server.pump()
-        self.instruments.force_box.emit(1)
+        with self._stepping:
+            missed_s = time.monotonic() - self.instruments.time_s
+            steps = min(int(missed_s / STEP_S), MOST_STEPS)
+            for _ in range(steps):
+                self._move(int(missed_s / STEP_S) * STEP_S / steps)
+            if steps:
+                self._touch_server.pump()
+                self.instruments.force_box.emit(1)
+
+    def _up_to_date(self, generator: Responder) -> Responder:
+        return _UpToDate(generator, self.catch_up)
 
     def _move(self, dt_s: float) -> None:
         slide = self._slide
@@ -127,6 +137,19 @@ class SlidingFinger(RunningTogether):
         if self._electrode is None:
             return None
         return self._electrode(frequency_hz, voltage_v, plant.normal_force_n, instruments.speed_m_s, plant.time_s)
+
+
+class _UpToDate:
+    """An instrument to which commands come at the time at which they were sent."""
+
+    def __init__(self, instrument: Responder, catch_up: Callable[[], object]) -> None:
+        self._instrument = instrument
+        self._catch_up = catch_up
+
+    def handle(self, data: bytes) -> bytes:
+        """As the instrument itself, now."""
+        self._catch_up()
+        return self._instrument.handle(data)
 
 
 class _Record:
@@ -196,16 +219,17 @@ def main() -> None:
     ended = threading.Event()
     signal.signal(signal.SIGTERM, lambda number, frame: ended.set())
     signal.signal(signal.SIGINT, lambda number, frame: ended.set())
-    with compilation_said("simulated instruments"):
+    with compilation_said("simulated instruments", parent.still):
         friction, electrode = _finger(config, given.model, given.finger)
         friction(1e3, 50.0, 0.5, 0.02, 0.0)  # made ready before time passes
     slide = None if given.slide is None else read_slide(given.slide)
     with SlidingFinger(config, friction, slide, given.record, electrode) as served:
         parent.tell({"endpoints": served.endpoints})
         threading.Thread(target=_linger, args=(ended,), daemon=True).start()
-        metronome = Metronome(STEP_S, began_s=served.instruments.time_s)
+        metronome = Metronome(STEP_S, began_s=served.instruments.time_s + STEP_S / 2)
         while not ended.is_set():
-            served.step((1 + metronome.wait().missed) * STEP_S)
+            metronome.wait()
+            served.catch_up()
 
 
 def _finger(config: RigConfig, model: str, finger: str | None) -> tuple[FrictionLaw, ElectrodeLaw]:

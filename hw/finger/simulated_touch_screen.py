@@ -38,8 +38,8 @@ class SimulatedTouchScreen:
     """One panel for one finger.
 
     Like the kernel it sends only what changed, and no report in which nothing did; reports come at the panel's own
-    rate. `descriptor` is where a tracker reads; close it there. When nobody reads, the buffer runs over, and the
-    reader learns of it.
+    rate. `descriptor` is where a tracker reads; close it there, and `output`, where this writes, when it has ended.
+    When nobody reads, the buffer runs over, and the reader learns of it.
     """
 
     def __init__(self, panel: Panel, *, clock: Callable[[], float]) -> None:
@@ -48,8 +48,8 @@ class SimulatedTouchScreen:
         self._sent: dict[tuple[int, int], int] = {}
         self._next_report_s = clock()
         self._ran_over = False
-        self.descriptor, self._output = os.pipe()
-        os.set_blocking(self._output, False)
+        self.descriptor, self.output = os.pipe()
+        os.set_blocking(self.output, False)
 
     def put(self, x_m: float, y_m: float) -> None:
         """Touch, or slide to, a place on the screen; reported when the panel's next report is due."""
@@ -82,7 +82,7 @@ class SimulatedTouchScreen:
             events = [(SYN_DROPPED, 0), *events]
         stamp = divmod(round(1e6 * self._clock()), 1_000_000)
         try:
-            os.write(self._output, b"".join(_INPUT_EVENT.pack(*stamp, *code, value) for code, value in events))
+            os.write(self.output, b"".join(_INPUT_EVENT.pack(*stamp, *code, value) for code, value in events))
             self._ran_over = False
         except BlockingIOError:
             self._ran_over = True
