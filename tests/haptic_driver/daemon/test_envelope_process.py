@@ -12,7 +12,7 @@ from haptic_driver.daemon.set_up import latency_budget_s
 from haptic_driver.processes.shared_memory import NO_OUTPUT, Driven
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.devices import modulation_input
-from haptic_driver.rig.envelope_writer import LEAST_LEAD_S, EnvelopeWriter, Lead
+from haptic_driver.rig.envelope_writer import LEAST_LEAD_S, MOST_LEAD_S, EnvelopeWriter, Lead
 from haptic_driver.rig.parts.analog_outputs import NiAnalogOutputConfig
 from haptic_driver.signals import COURSE_POINTS
 from hw.analog.output import AnalogOutputSettings
@@ -119,11 +119,12 @@ def test_lateness_of_long_ago_counts_no_more_once_nothing_is_rendered():
 
 
 @pytest.mark.parametrize(
-    ("fixed_s", "most_s", "late_s", "expected_s"), [(0.02, 0.1, 0.5, 0.02), (None, 0.05, 0.5, 0.05)]
+    ("fixed_s", "most_s", "expected_s"),
+    [(0.02, 0.1, 0.02), (None, 0.02, 0.02), (None, 0.1, MOST_LEAD_S)],
 )
-def test_a_rigs_file_and_the_outputs_buffer_bound_the_lead(fixed_s, most_s, late_s, expected_s):
+def test_a_rigs_file_and_the_outputs_buffer_bound_the_lead(fixed_s, most_s, expected_s):
     lead = Lead(fixed_s, most_s)
-    lead.notice(1.0, late_s)
+    lead.notice(1.0, late_s=0.5)
     assert lead.lead_s == expected_s
 
 

@@ -101,10 +101,11 @@ def test_a_writer_that_stands_still_takes_the_output_away(daemon, history):
     reset(daemon)
 
 
-def test_an_envelope_that_runs_dry_is_counted_flagged_and_told(daemon):
+def test_an_envelope_that_runs_dry_is_counted_flagged_and_told(daemon, history):
     lease = daemon.arm(LEASE_S)
     daemon.set_target(lease.token, 0.66)
-    keep_rendering(daemon, lease.token, lambda: daemon.status().output_on)
+    began_s = time.monotonic()  # the end of an envelope of zeros, under a lifted finger, is no gap
+    keep_rendering(daemon, lease.token, lambda: [v for t, v in history(began_s)[-1:] if v > 10.0])
     before, last = daemon.status().underruns, daemon.events(0)[-1].number
     os.kill(daemon.pids["envelope"], signal.SIGSTOP)  # nobody writes meanwhile
     time.sleep(0.1)
