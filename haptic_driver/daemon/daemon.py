@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from haptic_driver.config import config_names, texture_dirs
 from haptic_driver.daemon.basis import Basis
 from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.judge import Judged, MeasuredLatency, measured_latency
 from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import (
     SOMEBODY,
@@ -72,7 +73,13 @@ class Daemon:
         self.supervisor = Supervisor(settings, shared, orders, events, clock)
         basis.among(orders, targets, self._recordings, self.supervisor)
         self._watched = Watched(
-            shared, orders, targets, events, settings.render, lambda: advice(self.supervisor.real_time)
+            shared,
+            orders,
+            targets,
+            events,
+            settings.render,
+            lambda: advice(self.supervisor.real_time),
+            lambda: self._latency(self._judged()),
         )
         self._ending = threading.Event()
         self._threads: list[threading.Thread] = []
@@ -155,6 +162,8 @@ class Daemon:
         output, now_s, recording = self.shared.output.read(), self._clock(), self._recordings.path
         orders, targets, settings = self._orders, self._targets, self.basis.settings
         load_n, reachable_cof = targets.reach()
+        judged = self._judged()
+        latency = self._latency(judged)
         with orders.lock:
             machine, rendering, output_on = orders.machine, orders.rendering, orders.pump.output_on
             return Status(
@@ -181,6 +190,10 @@ class Daemon:
                 actuator=actuator_name(settings.config),
                 real_time=self.supervisor.real_time,
                 latency_budget_s=settings.latency_budget_s(self.shared.played.read().lead_s),
+                latency_measured_s=latency.measured_s,
+                latency_error_s=latency.error_s,
+                latency_why=latency.why,
+                fidelity=judged.fidelity,
                 surface_hash=settings.surface.content_hash,
                 feedback=settings.feedback,
                 agreement=self.basis.observer.cells,
@@ -189,6 +202,15 @@ class Daemon:
                 recording=str(recording) if recording is not None else None,
                 recording_fault=self._recordings.fault,
             )
+
+    def _judged(self) -> Judged:
+        """What was found since arming."""
+        judged, arming = self.basis.observer.judged, self._orders.machine.arming
+        return judged if judged.arming == arming else Judged(arming)
+
+    def _latency(self, judged: Judged) -> MeasuredLatency:
+        budget_s = self.basis.settings.latency_budget_s(self.shared.played.read().lead_s)
+        return measured_latency(judged.latency, budget_s["total"])
 
     def arm(self, lease_s: float, holder: str = SOMEBODY) -> Lease:
         """Idle -> armed. Sensors that a busy machine keeps from speaking are given a moment, with the lock free."""

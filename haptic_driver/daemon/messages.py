@@ -69,6 +69,30 @@ class AgreementCell(Checked):
     weight: float
 
 
+class RenderedFidelity(Checked):
+    """How felt friction compares with what was asked, from tick `first_tick` to `last_tick`.
+
+    The names are those of `docs/fidelity.md`, which says what each means; null is what cannot be
+    told. Lists have an entry for each of the nine bands. `said` tells it in sentences.
+    """
+
+    first_tick: int
+    last_tick: int
+    sliding_time_s: float
+    share_within_5_percent: float | None
+    constant_share_within_5_percent: float | None
+    constant_cof: float | None
+    relative_error_rms: float | None
+    cof_error_rms: float | None
+    correlation: float | None
+    band_gain: list[float | None]
+    band_coherence: list[float | None]
+    share_above_jnd: float | None
+    bands_felt: list[bool | None]
+    reach_hz: float | None
+    said: list[str]
+
+
 class Status(Checked):
     """`haptic status`; `output_on` is None where nobody knows.
 
@@ -101,6 +125,10 @@ class Status(Checked):
     actuator: str  # "setpoints over SCPI" or "analog envelope"
     real_time: bool
     latency_budget_s: dict[str, float]
+    latency_measured_s: float | None = None  # from a place to the friction of that place
+    latency_error_s: float | None = None  # one standard error of it
+    latency_why: str = ""  # why it is not known, or what else it may be
+    fidelity: RenderedFidelity | None = None  # of the present target, over 10 s at most
     surface_hash: str
     feedback: bool = True  # friction is held by what is felt; else by the model alone
     agreement: list[AgreementCell] = Field(default=[])  # since arming, with what the surface expects of the finger
@@ -122,6 +150,12 @@ class Status(Checked):
             f"commanded {number(self.frequency_hz, '.4g')} Hz, {number(self.voltage_v, '.4g')} V peak",
             f"{self.ticks} ticks, {missed}; flags: {', '.join(self.flags) or 'none'}",
         ]
+        if self.fidelity is not None:
+            lines.append(self.fidelity.said[0])
+        if self.latency_measured_s is not None:
+            measured_ms = f"{1e3 * self.latency_measured_s:.1f} ms measured"
+            budget_ms = f"{1e3 * self.latency_budget_s['total']:.1f} ms by the rig's file"
+            lines.append(f"latency {measured_ms}, {budget_ms}")
         if self.timing.last_cause is not None:
             lines.append(f"{number(self.timing.in_time, '.0%')} of the last ticks in time; {self.timing.last_cause}")
         said = {"lease held by": self.lease_holder, "fault:": self.fault, "recording into": self.recording}

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.daemon.agreement import UNITS, Agreement, Disagreement, Window
+from haptic_driver.daemon.judge import JudgeSettings
 from haptic_driver.experiments.recorded import PAUSE_S, SETTLING_S, Recorded, cut
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.processes.samples import SAMPLE
@@ -34,12 +35,16 @@ class Word(Enum):
 
 @dataclass(frozen=True)
 class ObserverSettings:
-    """What is expected, by the name of its model too, and when a command is felt; `period_s` between looks."""
+    """What is expected, by the name of its model too, and when a command is felt.
+
+    `judge`: how friction is compared with what was asked. `period_s` between looks.
+    """
 
     model: str
     surface: SurfaceFile
     limits: OperatingLimits
     latency_budget_s: dict[str, float]
+    judge: JudgeSettings
     period_s: float = 2.0  # a ring holds 16 s
 
 

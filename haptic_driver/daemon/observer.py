@@ -2,7 +2,8 @@
 
     python -m haptic_driver.daemon.observer DESCRIPTOR LINK < settings
 
-takes pickled `ObserverSettings`, and every `period_s` of them says what came of the ring's new samples.
+takes pickled `ObserverSettings`. Every `period_s` of them it says what came of the ring's new
+samples, and every second how well the newest were rendered.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.judge import PERIOD_S, Judge, Judged
 from haptic_driver.daemon.messages import AgreementCell
 from haptic_driver.daemon.observation import Observation, Observed, ObserverSettings, Proposal, Word
 from haptic_driver.experiments.recorded import Recorded
@@ -57,6 +59,7 @@ class Observer:
         self.cells: list[AgreementCell] = []
         self.said: str | None = None
         self.adaptation: str | None = None  # what came of mending last; None while nothing is mended
+        self.judged = Judged()
         self.rows: deque[Recorded] = deque(maxlen=ROWS_KEPT)
         self._shared, self._events, self._install = shared, events, install
         self._link: Connection | None = None
@@ -71,6 +74,7 @@ class Observer:
         """Begin, or begin anew with another model."""
         self._end()
         self.cells, self.said, self._base = [], None, None
+        self.judged = Judged()
         self.rows.clear()
         self._ending = threading.Event()
         # in this thread: what others look up on a surface meanwhile is kept in it
@@ -113,6 +117,7 @@ class Observer:
     def _listen(self, given: bytes, base: SurfaceFile, ending: threading.Event) -> None:
         while not ending.is_set():
             how = self._attend(given, base, ending)
+            self.judged = Judged()
             if not ending.is_set():
                 self._events.tell(NAME, f"{how}; it is started again, rendering goes on")
                 while not (ending.wait(RETRY_S) or self._go_back(ending)):  # what it had mended is gone with it
@@ -132,7 +137,11 @@ class Observer:
                 if self.adaptation is not None:
                     link.send(Word.ADAPT)
                 while not ending.is_set():
-                    self.hear(link.recv(), base, ending)
+                    said = link.recv()
+                    if isinstance(said, Judged):
+                        self.judged = said
+                    else:
+                        self.hear(said, base, ending)
         if child is None:
             return "the observer process was not started"
         child.kill()
@@ -220,16 +229,20 @@ def main() -> None:
     settings: ObserverSettings = parent.given()
     with compilation_said(NAME):
         following = Following(settings, Adaptation(load_model(settings.model), settings.limits))
+    judge, looked_s = Judge(settings.judge, shared), time.monotonic()
     position, arming = shared.ring.position, shared.order.read().arming
     with Connection(int(sys.argv[2])) as link, suppress(EOFError, OSError):
         while True:
-            if link.poll(settings.period_s):
+            if link.poll(min(settings.period_s, PERIOD_S)):
                 following.hear(link.recv())
             if (now := shared.order.read().arming) != arming:
                 arming = now
                 following.begin()
-            samples, _, position = shared.ring.read(position)
-            link.send(following.add(samples))
+            link.send(judge.look())
+            if (now_s := time.monotonic()) - looked_s >= settings.period_s:
+                looked_s = now_s
+                samples, _, position = shared.ring.read(position)
+                link.send(following.add(samples))
 
 
 if __name__ == "__main__":

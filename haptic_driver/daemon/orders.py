@@ -135,6 +135,10 @@ class Orders:
         with self.lock:
             self._flags |= flag
 
+    def has_raised(self, flag: Flag) -> bool:
+        """Whether it is up since arming, other than by render."""
+        return flag in self._flags
+
     def flags(self, output: Output) -> Flag:
         """All that are up; render's alone in `flags_of`."""
         return self._flags | self.flags_of(output)

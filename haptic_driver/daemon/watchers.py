@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import inf
 
 from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.judge import MeasuredLatency
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.render_process import RenderSettings
 from haptic_driver.daemon.targets import Targets
@@ -20,6 +21,7 @@ UNDERRUN_TOLD_S = 1.0  # at most so often: a machine that is too slow makes many
 TIMING_TOLD_S = 10.0  # the same
 DRIFT_TOLD_S = 5.0  # the same: while it is learnt it moves many times
 DRIFT = 0.2  # a change of the finger's gain, relative, that is worth an event
+LATENCY_KEY = "output.latency_s"  # of the rig's file
 NO_FLAGS = Flag(0)
 
 
@@ -36,6 +38,7 @@ class Watched:
     events: EventLog
     render: RenderSettings
     advice: Callable[[], str]
+    latency: Callable[[], MeasuredLatency]
     arming: int = 0
     flags: Flag = NO_FLAGS
     gain: float = 1.0
@@ -135,4 +138,24 @@ def drift(watched: Watched, now_s: float) -> None:
         watched.events.tell("drift", f"the finger's gain is {gain:.2f}", gain=gain)
 
 
-WATCHERS: tuple[Callable[[Watched, float], None], ...] = (lease, render, underruns, timing, script, drift)
+def latency(watched: Watched, now_s: float) -> None:
+    """A latency that is surely another than the rig's file says, once per arming."""
+    orders, found = watched.orders, watched.latency()
+    if not found.is_far_off or orders.has_raised(Flag.LATENCY):
+        return
+    orders.raise_flag(Flag.LATENCY)
+    measured_ms, budget_ms = 1e3 * (found.measured_s or 0.0), 1e3 * found.budget_s
+    said = f"{measured_ms:.1f} ms from place to friction, {budget_ms:.1f} ms by the rig's file: "
+    numbers = {"measured_s": found.measured_s, "error_s": found.error_s, "budget_s": found.budget_s}
+    watched.events.tell("latency", f"{said}look at {LATENCY_KEY} there", key=LATENCY_KEY, **numbers)
+
+
+WATCHERS: tuple[Callable[[Watched, float], None], ...] = (
+    lease,
+    render,
+    underruns,
+    timing,
+    script,
+    drift,
+    latency,
+)

@@ -80,8 +80,8 @@ class Fidelity:
         ]
 
 
-class _Errors(NamedTuple):
-    """Asked and felt friction, averaged: arrays [n] of all sliding ticks."""
+class Errors(NamedTuple):
+    """Asked and felt friction, averaged over 10 ms: arrays [n] of all sliding ticks."""
 
     asked: Array
     felt: Array
@@ -89,11 +89,13 @@ class _Errors(NamedTuple):
 
     @property
     def relative(self) -> Array:
+        """Felt less asked friction, as a share of asked friction."""
         return self.felt / self.asked - 1.0
 
-    def where_reachable(self) -> _Errors:
+    def where_reachable(self) -> Errors:
+        """Those of the ticks whose target was within reach."""
         there = self.reachable
-        return _Errors(self.asked[there], self.felt[there], self.reachable[there])
+        return Errors(self.asked[there], self.felt[there], self.reachable[there])
 
 
 def fidelity_of(
@@ -110,7 +112,7 @@ def fidelity_of(
     arrays of a stroke differ in length.
     """
     pieces = known_pieces(strokes)
-    errors = _averaged(pieces, round(AVERAGE_S / tick_s))
+    errors = _averaged(pieces, tick_s)
     reachable = errors.where_reachable()
     constant = best_constant(reachable.asked)
     of_constant = reachable._replace(felt=np.full(reachable.asked.size, constant))
@@ -149,6 +151,14 @@ def fidelity_of(
     )
 
 
+def errors_of(strokes: Sequence[Stroke], tick_s: float) -> Errors:
+    """Felt beside asked friction over strokes, as `fidelity_of` compares them.
+
+    ValueError where the arrays of a stroke differ in length.
+    """
+    return _averaged(known_pieces(strokes), tick_s)
+
+
 def best_constant(asked: Array) -> float:
     """The constant that lies within 5 % of the largest share of asked friction [n]; NaN of none.
 
@@ -164,15 +174,16 @@ def best_constant(asked: Array) -> float:
     return float(0.5 * (lowest * (1.0 + WITHIN) + highest * (1.0 - WITHIN)))
 
 
-def _averaged(pieces: Sequence[Stroke], ticks: int) -> _Errors:
+def _averaged(pieces: Sequence[Stroke], tick_s: float) -> Errors:
     """Lateral force, load and target averaged apart, as a sensor's filter would."""
+    ticks = round(AVERAGE_S / tick_s)
     asked, felt = [np.empty(0)], [np.empty(0)]
     for piece in pieces:
         lateral_n, normal_n = (moving_average(v, ticks) for v in (piece.lateral_n, piece.normal_n))
         asked.append(moving_average(piece.asked_cof, ticks))
         felt.append(lateral_n / normal_n)
     reachable = [np.empty(0, bool), *(piece.reachable for piece in pieces)]
-    return _Errors(np.concatenate(asked), np.concatenate(felt), np.concatenate(reachable))
+    return Errors(np.concatenate(asked), np.concatenate(felt), np.concatenate(reachable))
 
 
 def _felt(

@@ -11,10 +11,12 @@ import pytest
 
 from haptic_driver.daemon.adaptation import Adaptation
 from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.judge import JudgeSettings
 from haptic_driver.daemon.observation import Observation, ObserverSettings, Word
 from haptic_driver.daemon.observer import Following, Observer
 from haptic_driver.experiments.mending import Mended
 from haptic_driver.experiments.recorded import cut
+from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.recording.read import Run
 from haptic_driver.simulation.friction import surface_friction
 from tests.haptic_driver.experiments.recorded_runs import HEADER, LIFT, Part, ticks
@@ -26,7 +28,8 @@ STROKES = [part for v in (0.0, 60.0, 110.0) for part in (Part(1.2, voltage_v=v, 
 
 @pytest.fixture(scope="module")
 def expected(surface_file, limits):
-    return ObserverSettings("reference", surface_file, limits, HEADER.latency_budget_s)
+    judge = JudgeSettings(load_perception(), 500.0, 0.003)
+    return ObserverSettings("reference", surface_file, limits, HEADER.latency_budget_s, judge)
 
 
 @pytest.fixture(scope="module")

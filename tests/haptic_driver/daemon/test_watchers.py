@@ -9,6 +9,7 @@ import pytest
 
 from haptic_driver.daemon import watchers
 from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.judge import MeasuredLatency
 from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.orders import Orders
@@ -37,7 +38,16 @@ class Bench:
         rig = SimpleNamespace(state=RigState.OFF)
         self.orders.pump.actuator = SimpleNamespace(rig=rig, off=self._off)
         self.targets = Targets(shared, self.orders, self.events, clock, lambda load_n: (0.5, 1.3), Loader())
-        self.watched = Watched(shared, self.orders, self.targets, self.events, settings.render, lambda: "do this")
+        self.latency = MeasuredLatency(0.0375, 0.0004, 0.0375, "")
+        self.watched = Watched(
+            shared,
+            self.orders,
+            self.targets,
+            self.events,
+            settings.render,
+            lambda: "do this",
+            lambda: self.latency,
+        )
         self.orders.machine.connected()
 
     def _off(self):
@@ -204,3 +214,21 @@ def test_ticks_that_come_too_seldom_in_time_are_told_with_cause_and_remedy_and_t
     bench.rendered()
     assert [event for event in bench.watch() if event[0] == "timing"] == []
     assert bench.orders.rendering
+
+
+def test_a_latency_far_from_the_rigs_file_is_told_once_per_arming(bench):
+    for _ in range(2):
+        bench.arm()
+        bench.rendered()
+        bench.latency = MeasuredLatency(0.0470, 0.0004, 0.0375, "")
+        assert bench.watch() == []  # 9.5 ms
+        bench.latency = MeasuredLatency(0.0521, 0.0004, 0.0375, "")
+        ((kind, said),) = bench.watch()
+        assert kind == "latency"
+        assert said.startswith("52.1 ms from place to friction, 37.5 ms by the rig's file")
+        assert "output.latency_s" in said
+        assert bench.watch() == []
+        assert Flag.LATENCY in bench.orders.flags(bench.shared.output.read())
+        bench.orders.withdraw(bench.orders.machine.disarm)
+    numbers = {"measured_s": 0.0521, "error_s": 0.0004, "budget_s": 0.0375}
+    assert bench.events.since(0)[-1].data == numbers | {"key": "output.latency_s"}

@@ -13,9 +13,11 @@ const MEANING = {
   feedback_limit: "the finger's gain is at the end of what feedback may correct",
   underrun: "the analog envelope had a gap, at zero",
   friction_from_current: "no force sensor: friction is estimated from the electrode's current",
+  latency: "friction is felt more than 10 ms sooner or later than the rig's file says",
   control_silent: "render did not hear control; the output ramped to zero",
 };
-const TOLD_BY = { tripped: "trip", fault: "fault", lease_lost: "lease" }; // kinds of events, beside "flag"
+// Kinds of events, beside "flag".
+const TOLD_BY = { tripped: "trip", fault: "fault", lease_lost: "lease", latency: "latency" };
 
 const $ = (id) => document.getElementById(id);
 const time = (unixS) => new Date(1000 * unixS).toLocaleTimeString("en-GB");
