@@ -58,7 +58,8 @@ class Measurements:
     an effect under test is on; None for all of them. `witness` [n]: which of `WITNESSES` is observed, None for friction
     throughout; `row` [n] of the file, None where each has its own; `finger` [n] as in `Conditions`; `intervention` [n]:
     what somebody had done at the rig, see `model.effects.interventions`, None for nothing anywhere. `left_out`: rows of
-    spectra that the file itself marks as in contradiction with Kramers and Kronig.
+    spectra that the file itself marks as in contradiction with Kramers and Kronig. `least_cof_std`: relative; what of
+    friction is known no better from row to row, whatever the scatter says.
     """
 
     columns: dict[str, Array]
@@ -72,6 +73,7 @@ class Measurements:
     finger: NDArray[np.str_] | None = None
     intervention: NDArray[np.str_] | None = None
     left_out: int = 0
+    least_cof_std: float = WITNESSES[FRICTION].least_std
 
     @property
     def count(self) -> int:

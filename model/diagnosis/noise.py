@@ -120,6 +120,7 @@ def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | No
 def _least_std(data: Measurements) -> Array:
     """What no model is better than [n]: what one is off at a setting is off in every session that reads it."""
     least = np.array([witness.least_std for witness in WITNESSES])
+    least[FRICTION] = data.least_cof_std
     setting = data.replicate_groups(sessions_apart=False)
     sessions = np.bincount(np.unique(np.stack([setting, data.session]), axis=1)[0])
     return np.asarray(least[FRICTION if data.witness is None else data.witness] * np.sqrt(sessions[setting]))
