@@ -315,7 +315,7 @@ class Renderer:
             kept.state.controller.estimate.gain,
             output.frequency_hz,
             output.voltage_v,
-            output.output_on and due.due_s >= heard.driven_since_s,
+            heard.order.rendering and due.due_s >= heard.driven_since_s,
             output.flags,
         )
 

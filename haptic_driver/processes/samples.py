@@ -56,7 +56,7 @@ SAMPLE = np.dtype(
         ("feedback_gain", "f8"),  # the finger's estimated gain
         ("frequency_hz", "f8"),
         ("voltage_v", "f8"),  # peak at the electrode, as commanded
-        ("output_on", "u1"),  # 0 with a voltage: it is on its way, while the output comes up or after a gap
+        ("output_on", "u1"),  # also at 0 V; 0 with a voltage: on its way, while the output comes up or after a gap
         ("flags", "u4"),
     ]
 )
