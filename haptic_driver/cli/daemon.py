@@ -45,6 +45,9 @@ def run(
     lsl_markers: Annotated[
         str | None, Option(metavar="STREAM", help="Take markers from the LSL stream of that name.")
     ] = None,
+    slide: Annotated[
+        Path | None, Option(help="What the finger of a simulated rig does, again and again; as --trace of the demo.")
+    ] = None,
     as_json: Json = False,
 ) -> int:
     """Run the daemon in the foreground until Ctrl-C or SIGTERM; it starts idle, with the output off.
@@ -68,7 +71,8 @@ def run(
     handler = logging.StreamHandler()
     handler.addFilter(OncePerSecond())
     logging.basicConfig(format="%(asctime)s %(name)s: %(message)s", level=logging.INFO, handlers=[handler])
-    return run_daemon(rig, place, model, allow_no_rt, port, Links(lsl, osc, lsl_markers), announce)
+    links = Links(lsl, osc, lsl_markers)
+    return run_daemon(rig, place, model, allow_no_rt, port, links, announce, slide)
 
 
 def _show(rig: str, socket: Path, page: str | None) -> None:

@@ -24,7 +24,7 @@ class OutputPump:
     """Brings out what render decides for orders from `open` on, and nothing while the gate is closed.
 
     Tells render and the writer of an envelope in `driven` what may go out, and since when it does.
-    `run` is for one thread. `actuator` may be exchanged; None while there is none. `failed` is told what a device could
+    `run` is for one thread. `actuator` is None while there is none. `failed` is told what a device could
     not do, after the output has been switched off for it. `linger_s`: see the rig's file.
     """
 
@@ -37,6 +37,7 @@ class OutputPump:
         clock: Callable[[], float],
     ) -> None:
         self.actuator: Actuator | None = None
+        self._switched = 0  # by actuators that are gone
         self._shared = shared
         self._interval_s = interval_s
         self._linger_s = linger_s
@@ -57,6 +58,15 @@ class OutputPump:
         state = self.actuator.rig.state if self.actuator is not None else RigState.UNKNOWN
         on = None if self._gate is None else True
         return {RigState.ON: on, RigState.OFF: False, RigState.TRIPPED: self._shown_on}.get(state)
+
+    @property
+    def switched(self) -> int:
+        """How often the output has come on, on all actuators."""
+        return self._switched + (self.actuator.switched if self.actuator is not None else 0)
+
+    def exchange(self, actuator: Actuator | None) -> None:
+        """Another way to the generator from here on; None: there is none."""
+        self._switched, self.actuator = self.switched, actuator
 
     def open(self, order: int) -> None:
         """Let out what render decides for this order and later ones; what is let out already goes on without a gap."""

@@ -45,11 +45,12 @@ def run_daemon(
     tcp_port: int | None,
     links: Links,
     announce: Callable[[Path, str | None], None],
+    slide: Path | None = None,
 ) -> int:
     """Run a daemon until SIGTERM, SIGINT or SIGHUP; exit status 0 when the output is known to be off at the end.
 
     `announce` is called once it can be used, with its socket and the address of its page, which holds the token.
-    Raises HapticError when it does not get that far.
+    `slide`: a file of what a simulated finger does. Raises HapticError when it does not get that far.
     """
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
@@ -60,7 +61,7 @@ def run_daemon(
     place = Place(socket)
     try:
         with compilation_said("daemon"):
-            settings = daemon_settings(rig, model, allow_no_rt=allow_no_rt)
+            settings = daemon_settings(rig, model, allow_no_rt=allow_no_rt, slide=slide)
             partners = _partners(settings, links)
             return 0 if _serve_until(ended, settings, place, tcp_port, partners, announce) is False else 1
     finally:

@@ -231,7 +231,7 @@ class Supervisor:
             self.instruments = connect_real(config, self._orders.rig_says, self._force_sensor)
             self._force_sensor = self.instruments.devices.force_sensor
         self.instruments.estimate_force(partial(sliding_carrier_hz, self._shared), lambda: self.settings.model)
-        self._orders.pump.actuator = self.instruments.actuator
+        self._orders.pump.exchange(self.instruments.actuator)
 
     def _await_heard(self) -> None:
         if (silent := self.silent(START_TIMEOUT_S)) and not self._ending.is_set():
@@ -322,7 +322,8 @@ class Supervisor:
         elif name == WATCHDOG and self.instruments is not None:
             self.instruments.restart_watchdog()
         else:
-            instruments, self.instruments, self._orders.pump.actuator = self.instruments, None, None
+            instruments, self.instruments = self.instruments, None
+            self._orders.pump.exchange(None)
             if instruments is not None:
                 instruments.close()
             self._begin_instruments()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from types import SimpleNamespace
 
@@ -36,7 +37,9 @@ class Bench:
         clock = lambda: self.clock.now_s  # noqa: E731
         self.orders = Orders(settings, shared, self.events, clock)
         rig = SimpleNamespace(state=RigState.OFF)
-        self.orders.pump.actuator = SimpleNamespace(rig=rig, off=self._off)
+        self.orders.pump.actuator = SimpleNamespace(
+            rig=rig, off=self._off, carrier_hz=math.nan, full_scale_v=0.0, switched=0
+        )
         self.targets = Targets(shared, self.orders, self.events, clock, lambda load_n: (0.5, 1.3), Loader())
         self.latency = MeasuredLatency(0.0375, 0.0004, 0.0375, "")
         self.watched = Watched(
