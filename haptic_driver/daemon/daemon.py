@@ -183,6 +183,8 @@ class Daemon:
                 overruns=output.overruns,
                 timing=timing_of(self.shared.ring.newest(TIMED_SAMPLES), settings.render.period_s),
                 underruns=self.shared.played.read().underruns,
+                switched=orders.pump.switched,
+                relay_interval_s=settings.config.generator_kind().relay_interval_s,
                 flags=orders.flags(output).names(),
                 fault=machine.fault_reason,
                 lease_left_s=max(machine.lease_until_s - now_s, 0.0) if machine.armed else None,

@@ -117,7 +117,9 @@ class Status(Checked):
     ticks: int
     overruns: int
     timing: Timing
-    underruns: int  # gaps, at zero, of an analog envelope
+    underruns: int  # gaps of an analog envelope
+    switched: int  # how often the generator's output came on
+    relay_interval_s: float  # at most so often it does
     flags: list[str]
     fault: str | None
     lease_left_s: float | None

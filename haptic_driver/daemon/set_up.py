@@ -9,12 +9,14 @@ from haptic_driver.daemon.envelope_process import BEHIND_S
 from haptic_driver.daemon.judge import JudgeSettings
 from haptic_driver.daemon.observation import ObserverSettings
 from haptic_driver.daemon.render_process import Nothing, RenderSettings
+from haptic_driver.errors import BadInputError
 from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.processes.samples import Flag
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.parts.finger_trackers import STAGE_INTERVAL_S, EvdevFingerConfig, StageFingerConfig
+from haptic_driver.rig.slide import read_slide
 from haptic_driver.rig.tick_settings import tick_settings
 from haptic_driver.simulation.lines import PANEL
 from haptic_driver.surface.build import build_surface
@@ -77,13 +79,23 @@ class DaemonSettings:
 
 
 def daemon_settings(
-    rig: str, model: str, *, allow_no_rt: bool = False, amplifier_record: Path | None = None
+    rig: str,
+    model: str,
+    *,
+    allow_no_rt: bool = False,
+    amplifier_record: Path | None = None,
+    slide: Path | None = None,
 ) -> DaemonSettings:
     """Everything by name; solves the surface. Raises BadInputError."""
     config = load_rig(rig)
+    if slide is not None:
+        if not config.simulated:
+            said = f"rig {config.name} is not simulated: its finger does what it likes"
+            raise BadInputError("not_simulated", said, "leave --slide out")
+        read_slide(slide)  # what is wrong with it is told now
     surface = build_surface(load_model(model), config.operating_limits())
     render = render_settings(config, surface)
-    return DaemonSettings(rig, model, config, surface, render, allow_no_rt, amplifier_record)
+    return DaemonSettings(rig, model, config, surface, render, allow_no_rt, amplifier_record, slide=slide)
 
 
 def render_settings(config: RigConfig, surface: SurfaceFile, *, feedback: bool = True) -> RenderSettings:

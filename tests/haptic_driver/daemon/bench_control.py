@@ -93,6 +93,8 @@ class BenchControl:
                 ticks=self.ticks,
                 overruns=0,
                 underruns=0,
+                switched=1,
+                relay_interval_s=1.0,
                 flags=self.flags,
                 fault=self.machine.fault_reason,
                 lease_left_s=self.machine.lease_until_s - self._now_s() if self.machine.armed else None,

@@ -109,6 +109,13 @@ def test_the_lag_behind_what_is_expected_is_what_the_budget_misses(rng, late):
     assert said.is_far_off is bool(late)
 
 
+def test_half_a_second_tells_no_latency(rng):
+    """Linen, at one speed for so long, fitted best at the next thread."""
+    asked = 0.6 + 0.05 * np.sin(np.arange(500) * 2.0 * np.pi / 41.0) + rng.normal(size=500) * 0.01
+    found = latency_in(ticks(500, asked=asked, felt=np.roll(asked, 41)))
+    assert (found.lag_s, found.why) == (None, "less than 2 s of sliding")
+
+
 def test_a_lag_that_is_unknown_small_or_unsure_is_not_far_off():
     assert not measured_latency(Latency(None, None, None, [], "the target"), 0.03).is_far_off
     assert not MeasuredLatency(0.0399, 0.0001, 0.03, "").is_far_off
