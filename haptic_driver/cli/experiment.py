@@ -69,9 +69,11 @@ def run(
         check_textures(experiment, client.textures())
         about = _about(experiment, client)
         answering = _participant(experiment, client, files, simulated)
+        tell = answering.tell if isinstance(answering, _Keys) else lambda said: None
         as_ctrl_c = signals_to(signal.default_int_handler)
         with as_ctrl_c, client.armed(LEASE_S) as held, _recorded(client, files, record):
-            done = run_session(experiment, files, DaemonApparatus(client, held, files.beh), answering, about)
+            apparatus = DaemonApparatus(client, held, files.beh, tell)
+            done = run_session(experiment, files, apparatus, answering, about)
     payload = done._asdict() | {
         "table": str(files.table),
         "participant_table": str(files.folder / f"sub-{participant}.csv"),

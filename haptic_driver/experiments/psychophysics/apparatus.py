@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -63,12 +63,23 @@ class Apparatus(Protocol):
 
 
 class DaemonApparatus:
-    """A rig through an armed client. `folder`: where textures that show two regions are written."""
+    """A rig through an armed client.
 
-    def __init__(self, client: Client, session: Session, folder: Path) -> None:
+    `folder`: where textures that show two regions are written. `tell` is told which interval
+    begins, of several; so is a marker `interval 1 begins`.
+    """
+
+    def __init__(
+        self,
+        client: Client,
+        session: Session,
+        folder: Path,
+        tell: Callable[[str], object] = lambda said: None,
+    ) -> None:
         self._client = client
         self._session = session
         self._folder = folder.absolute()
+        self._tell = tell
 
     def mark(self, label: str, data: dict[str, object]) -> float:
         """A marker of the daemon's."""
@@ -79,10 +90,13 @@ class DaemonApparatus:
         if settings.place == "regions":
             return self._regions(stimuli, settings, settle_s)
         found = []
-        for number, stimulus in enumerate(stimuli):
-            if number:
+        for number, stimulus in enumerate(stimuli, start=1):
+            if number > 1:
                 time.sleep(settings.pause_s)
             self._begin(stimulus)
+            if len(stimuli) > 1:
+                self.mark(f"interval {number} begins", {"interval": number})
+                self._tell(f"{number} …")
             found.append(felt(self._samples(settings), settle_s=settle_s))
         return found
 
@@ -139,7 +153,15 @@ class AssumedApparatus:
 
 
 def _as_asked(cof: float, lasted_s: float) -> Felt:
-    return Felt(cof, cof, cof, error=0.0, within_5_percent=1.0, sliding_s=lasted_s)
+    return Felt(
+        cof,
+        cof,
+        cof,
+        error=0.0,
+        within_5_percent=1.0,
+        reachable_share=1.0,
+        sliding_s=lasted_s,
+    )
 
 
 def _over(samples: NDArray[np.void], settings: TrialSettings) -> bool:

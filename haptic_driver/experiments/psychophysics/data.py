@@ -29,10 +29,11 @@ LARGEST_TABLE_BYTES = 64 << 20
 
 FELT_COLUMNS = {
     "asked_cof": ("friction that was asked for", "1"),
-    "reachable_cof": ("friction that the rig expected to reach", "1"),
+    "reachable_cof": ("friction that the rig expected to do of it", "1"),
     "felt_cof": ("friction that the force sensor measured", "1"),
     "error": ("mean of felt over asked, less 1", "1"),
     "within_5_percent": ("share of the sliding time with friction within 5 % of what was asked", "1"),
+    "reachable_share": ("share of the sliding time with a target within the rig's reach", "1"),
     "sliding_s": ("how long the finger slid", "s"),
     "strokes": ("how often it went more than 3 mm one way", "1"),
     "speed_m_s": ("its mean speed", "m/s"),

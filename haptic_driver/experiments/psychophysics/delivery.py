@@ -1,4 +1,4 @@
-"""What a finger really felt in an interval, by the daemon's samples, and whether that was what the trial asked for."""
+"""What a finger really felt in an interval, and whether that was what the trial asked for."""
 
 from __future__ import annotations
 
@@ -8,17 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.experiments.psychophysics.description import Delivery
-from haptic_driver.rig.slide import average
-from haptic_driver.signals import SLIDING_M_S, WITHIN, Array, Mask
+from haptic_driver.fidelity.measure import errors_of
+from haptic_driver.fidelity.samples import (
+    AFTER_TOUCH_S,
+    since_touch_s,
+    sliding,
+    strokes_of,
+    tick_s,
+)
+from haptic_driver.signals import WITHIN, Array, Mask
 
 STROKE_M = 0.003  # a finger that goes this far one way makes a stroke
 
 
 class Felt(NamedTuple):
-    """Means over the time that the finger slid; NaN where it did not.
+    """What the measure of fidelity says of an interval, by felt against asked friction.
 
-    `asked_cof`, `reachable_cof` (what the rig could expect to do of it) and `felt_cof` (by the force sensor), `error`
-    and `within_5_percent` of what was felt against what was asked.
+    Means and shares are over the time that the finger slid, NaN where it did not; all of that time
+    counts, within reach or not. `error` is felt over asked friction, less 1. `reachable_cof` is
+    what the rig expected to do of the target, `reachable_share` how long that was within reach.
     """
 
     asked_cof: float = np.nan
@@ -26,6 +34,7 @@ class Felt(NamedTuple):
     felt_cof: float = np.nan
     error: float = np.nan
     within_5_percent: float = np.nan
+    reachable_share: float = np.nan
     sliding_s: float = 0.0
     strokes: float = 0.0
     speed_m_s: float = np.nan
@@ -33,51 +42,47 @@ class Felt(NamedTuple):
 
 
 def felt(samples: NDArray[np.void], where: Mask | None = None, settle_s: float = 0.0) -> Felt:
-    """What samples of one interval, of dtype SAMPLE [n], say; of those at `where` alone, if that is given.
+    """What samples of one interval, of dtype SAMPLE [n], say; of those at `where` alone, if given.
 
-    Friction is judged over moving averages, as that of a rendered slide is, from `settle_s` after the first sample on;
-    so is what was asked.
+    They are judged from `settle_s` after the first on, and from 0.1 s after each touch on.
     """
     if not samples.size:
         return Felt()
-    time_s, normal = samples["time_s"], samples["normal_force_n"]
-    sliding = (
-        (samples["in_contact"] == 1) & (samples["speed_m_s"] >= SLIDING_M_S) & np.isfinite(samples["measured_cof"])
-    )
-    judged = sliding & np.isfinite(samples["target_cof"]) & (time_s >= time_s[0] + settle_s)
+    judged = samples["time_s"] >= samples["time_s"][0] + settle_s
+    judged &= since_touch_s(samples) >= AFTER_TOUCH_S
     if where is not None:
         judged &= where
-    if not judged.any():
+    step_s = tick_s(samples)
+    errors = errors_of(strokes_of(samples, judged), step_s)
+    if not errors.asked.size:
         return Felt(strokes=strokes(samples))
-    lateral, pressed, target = (  # averaged apart, as a texture is felt over a window and noise over noise has a bias
-        average(np.where(judged, values, 0.0))[judged]
-        for values in (np.abs(samples["lateral_force_n"]), normal, samples["target_cof"])
-    )
-    measured, asked = lateral / pressed, target / average(judged)[judged]
-    error = measured / asked - 1.0
-    tick_s = float(np.median(np.diff(time_s))) if time_s.size > 1 else 0.0
+    slid = samples[judged & sliding(samples) & np.isfinite(samples["target_cof"])]
     return Felt(
-        asked_cof=float(asked.mean()),
-        reachable_cof=float(samples["expected_cof"][judged].mean()),
-        felt_cof=float(measured.mean()),
-        error=float(error.mean()),
-        within_5_percent=float(np.mean(np.abs(error) <= WITHIN)),
-        sliding_s=tick_s * int(judged.sum()),
+        asked_cof=float(errors.asked.mean()),
+        reachable_cof=float(slid["expected_cof"].mean()),
+        felt_cof=float(errors.felt.mean()),
+        error=float(errors.relative.mean()),
+        within_5_percent=float(np.mean(np.abs(errors.relative) <= WITHIN)),
+        reachable_share=float(errors.reachable.mean()),
+        sliding_s=step_s * errors.asked.size,
         strokes=strokes(samples),
-        speed_m_s=float(samples["speed_m_s"][judged].mean()),
-        normal_force_n=float(normal[judged].mean()),
+        speed_m_s=float(slid["speed_m_s"].mean()),
+        normal_force_n=float(slid["normal_force_n"].mean()),
     )
 
 
 def why_not_delivered(intervals: list[Felt], settings: Delivery) -> str:
-    """Why a trial cannot be judged, of its first interval for which that is so; empty when it was delivered."""
+    """Why a trial cannot be judged, by its first interval for which that is so; empty otherwise."""
     for number, one in enumerate(intervals, start=1):
         if one.sliding_s < max(settings.least_sliding_s, 1e-9):
             return f"interval {number}: the finger slid for {one.sliding_s:.2g} s"
-        if abs(one.reachable_cof / one.asked_cof - 1.0) > WITHIN:
-            return f"interval {number}: friction {one.asked_cof:.3g} is out of reach, {one.reachable_cof:.3g} is not"
         if one.within_5_percent < settings.least_share:
-            return f"interval {number}: within 5 % for {one.within_5_percent:.0%} of the time"
+            said = f"interval {number}: within 5 % for {one.within_5_percent:.0%} of the time"
+            beyond = 1.0 - one.reachable_share
+            if beyond > 0.0:
+                said += f", out of this rig's reach for {beyond:.0%}: of friction"
+                said += f" {one.asked_cof:.3g} it expected to do {one.reachable_cof:.3g}"
+            return said
     return ""
 
 

@@ -42,7 +42,10 @@ const HEARD = {
 function hear(event) {
   if (event.number <= newest) return; // told again after the connection was lost
   newest = event.number;
-  if (event.kind === "marker") HEARD[event.message]?.(event);
+  if (event.kind !== "marker") return;
+  HEARD[event.message]?.(event);
+  const interval = event.message.match(/^interval (\d) begins$/);
+  if (interval) show(`${interval[1]}: slide your finger on the screen.`);
 }
 
 addEventListener("keydown", ({ key, repeat }) => {

@@ -67,6 +67,8 @@ def test_a_participant_reads_feels_and_answers_with_large_buttons_or_keys(page, 
     client.mark("trial begins", {"trial": 1})
     expect(page.locator("#text")).to_have_text("Slide your finger on the screen.")
     expect(page.locator("#answers button")).to_have_count(0)
+    client.mark("interval 2 begins")
+    expect(page.locator("#text")).to_have_text("2: slide your finger on the screen.")
     thread, found = answering(lambda: participant.ask(QUESTION))
     expect(page.locator("#text")).to_have_text("Which one had more friction?")
     boxes = [button.bounding_box() for button in page.locator("#answers button").all()]

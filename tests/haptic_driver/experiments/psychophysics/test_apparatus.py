@@ -1,0 +1,61 @@
+"""Trials as a client of the daemon presents them; the daemon is made up."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from haptic_driver.experiments.psychophysics.apparatus import DaemonApparatus
+from haptic_driver.experiments.psychophysics.description import Stimulus, TrialSettings
+from haptic_driver.processes.samples import SAMPLE
+
+
+class Client:
+    """Half a second of sliding each time somebody looks, with friction as it is asked; `done` in order."""
+
+    def __init__(self):
+        self.done, self.cof, self.ticks = [], np.nan, 0
+
+    def samples(self, since_tick=0, most=1000):
+        made = np.zeros(500, SAMPLE)
+        made["tick"] = self.ticks + np.arange(500)
+        self.ticks += 500
+        made["time_s"] = 1e-3 * made["tick"]
+        made["in_contact"], made["reachable"], made["speed_m_s"] = 1, 1, 0.05
+        made["target_cof"] = made["expected_cof"] = made["measured_cof"] = self.cof
+        made["normal_force_n"], made["lateral_force_n"] = 0.5, 0.5 * self.cof
+        return made
+
+    def mark(self, label, data=None):
+        self.done.append(label)
+        return SimpleNamespace(time_s=0.0)
+
+    def status(self):
+        return SimpleNamespace(state="rendering", fault=None)
+
+    def set(self, cof, *, nearest=False):
+        self.done.append(cof)
+        self.cof = cof
+
+    def off(self):
+        self.done.append("off")
+
+
+def test_each_interval_begins_with_a_marker_and_a_word_and_ends_off(tmp_path):
+    client, told = Client(), []
+    apparatus = DaemonApparatus(client, client, tmp_path, told.append)
+    settings = TrialSettings(duration_s=0.4, pause_s=0.0)
+    first, second = apparatus.present([Stimulus(0.55), Stimulus(0.66)], settings, settle_s=0.1)
+    begins = ["interval 1 begins", "interval 2 begins"]
+    assert client.done == [0.55, begins[0], "off", 0.66, begins[1], "off"]
+    assert told == ["1 …", "2 …"]
+    assert (round(first.felt_cof, 6), round(second.felt_cof, 6)) == (0.55, 0.66)
+
+
+def test_the_only_interval_needs_no_word(tmp_path):
+    client, told = Client(), []
+    apparatus = DaemonApparatus(client, client, tmp_path, told.append)
+    settings = TrialSettings(intervals=1, duration_s=0.4)
+    apparatus.present([Stimulus(0.55)], settings, settle_s=0.1)
+    assert (client.done, told) == ([0.55, "off"], [])
