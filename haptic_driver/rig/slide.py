@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.fidelity.strokes import moving_average
 from haptic_driver.files import bad_input
-from haptic_driver.signals import Array, Mask
+from haptic_driver.signals import Array
 from model.support.tables import Table, read_table
 
 TICK_S = 0.001
-AVERAGE_S = 0.010  # window over which forces and positions are averaged, centred
 COLUMNS = ("time_s", "position_m", "normal_force_n")
 LARGEST = {"position_m": 10.0, "normal_force_n": 50.0}  # beyond, the unit must be wrong
 
@@ -30,7 +30,7 @@ class Slide:
     @property
     def speed_m_s(self) -> Array:
         """Speed along x, over a window of 10 ms against the resolution of the encoder."""
-        return np.asarray(np.gradient(average(self.position_m), TICK_S))
+        return np.asarray(np.gradient(moving_average(self.position_m, 10), TICK_S))
 
 
 def synthetic_slide() -> Slide:
@@ -109,12 +109,3 @@ def _numbers(table: Table, column: str) -> Array:
         said = f"{table.where(i)}: {column} = {values[i]:g} is out of range"
         raise BadInputError("bad_slide", said, f"Give at most {LARGEST[column]:g} in SI units")
     return values
-
-
-def average(values: Array | Mask) -> Array:
-    """Centred moving average over AVERAGE_S; the ends use what there is."""
-    half = round(AVERAGE_S / TICK_S / 2)
-    total = np.concatenate([[0.0], np.cumsum(values)])
-    i = np.arange(values.size)
-    low, high = np.maximum(i - half, 0), np.minimum(i + half + 1, values.size)
-    return np.asarray((total[high] - total[low]) / (high - low))
