@@ -214,7 +214,9 @@ def carried(held: Held, before: Held, state: ControllerState, speed_m_s: float, 
     (off_n, rise_n), _ = feedback.by_surface(new.surface, new.correction, drive, finger)
     (old_off_n, old_rise_n), _ = feedback.by_surface(old.surface, old.correction, drive, finger)
     level = (known.gains.off * old_off_n + known.gains.rise * old_rise_n) / (off_n + rise_n)
-    estimate = feedback.rescaled(known, old_off_n / off_n, old_rise_n / rise_n, level)
+    # caution pulls by covariance over the gain of the rise: scaled so that the pull stays as well
+    share = level * rise_n / (known.gains.rise * old_rise_n)
+    estimate = feedback.rescaled(known, old_off_n / off_n, old_rise_n / rise_n, level, share)
     return ControllerState(frequency_hz, estimate, state.commands)
 
 

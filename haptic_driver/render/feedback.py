@@ -271,13 +271,19 @@ def elsewhere(law: FeedbackSettings, known: Estimate, from_hz: float, to_hz: flo
 
 
 @kernel
-def rescaled(known: Estimate, off: float, rise: float, level: float) -> Estimate:
+def rescaled(known: Estimate, off: float, rise: float, level: float, share: float) -> Estimate:
     """The same finger on another surface, whose friction without voltage and whose rise are that many times less.
 
-    Both gains are `level` then.
+    Both gains are `level` then, and of their covariance in newtons that `share` is kept.
     """
     g = known.gains
-    gains = Gains(level, level, g.off_variance * off * off, g.covariance * off * rise, g.rise_variance * rise * rise)
+    gains = Gains(
+        level,
+        level,
+        share * g.off_variance * off * off,
+        share * g.covariance * off * rise,
+        share * g.rise_variance * rise * rise,
+    )
     return with_gains(known, gains, known.expected_off_n / off, known.expected_rise_n / rise)
 
 
