@@ -1,6 +1,7 @@
 """Run every benchmark, print what was promised and what else was found, and exit with 1 when a claim does not hold.
 
-python -m benchmarks [NAME ...] runs those of these names alone, e.g. `tick_lateness`; `live` runs only when named.
+python -m benchmarks [NAME ...] runs those of these names alone, e.g. `tick_lateness`; `live` and `why` run only when
+named.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import sys
 
 from benchmarks import (
+    daemon_fidelity,
     envelope,
     live,
     published_algorithm,
@@ -17,17 +19,18 @@ from benchmarks import (
     tick_compute,
     tick_lateness,
     transport,
+    why,
 )
 from benchmarks.claim import Claim, show
 
 PARTS = (
     start_up, surface_build, surface_lookup, published_algorithm, transport, tick_compute, envelope,
-    tick_lateness,
+    tick_lateness, daemon_fidelity,
 )  # fmt: skip
 
 
 def main(names: list[str]) -> int:
-    parts = {part.__name__.removeprefix("benchmarks."): part for part in (*PARTS, live)}
+    parts = {part.__name__.removeprefix("benchmarks."): part for part in (*PARTS, live, why)}
     if unknown := [name for name in names if name not in parts]:
         print(f"there is no benchmark '{unknown[0]}'; known: {', '.join(parts)}", file=sys.stderr)
         return 2

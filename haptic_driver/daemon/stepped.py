@@ -14,7 +14,7 @@ from haptic_driver.daemon.render_process import Renderer, RenderSettings
 from haptic_driver.daemon.set_up import reach_hz
 from haptic_driver.processes.real_time import Due
 from haptic_driver.processes.shared_memory import Order, Sensed, SharedState
-from haptic_driver.render.texture import Texture
+from haptic_driver.render.texture import Target, Texture
 from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.devices import modulation_input
 from haptic_driver.rig.envelope_writer import EnvelopeWriter, Lead
@@ -29,7 +29,7 @@ from hw.finger.touch_screen import TouchEvents, TouchReports, TouchScreen
 FINGER_Y_M = 0.030
 TOUCH_N = 0.02  # from this force on the screen feels the finger
 UP_TICKS = 300  # more than START_S
-BEGUN = Order(1, 1, True, math.inf, math.inf, 1, 0)
+BEGUN = Order(0, 1, True, math.inf, math.inf, 0, 0)
 
 
 class SteppedDaemon:
@@ -38,7 +38,7 @@ class SteppedDaemon:
     Between `connect` and `close`, inside the rig's own `with` block.
     """
 
-    def __init__(self, settings: RenderSettings, bench: SimulatedRig, texture: Texture) -> None:
+    def __init__(self, settings: RenderSettings, bench: SimulatedRig, texture: Target) -> None:
         self.bench = bench
         self.shared = SharedState()
         self.failures: list[Exception] = []
@@ -58,18 +58,25 @@ class SteppedDaemon:
             close=lambda: os.close(self._panel.descriptor),
         )
         self._screen = TouchScreen(reports, SCREEN, clock=self._now_s)
-        self.shared.targets.write(BEGUN.target, texture)
+        self._order = BEGUN
         self._ticks = 0
+        self.play(texture)
 
     @property
     def rejections(self) -> int:
         """How often the safety gate said no."""
         return self._renderer.rejections
 
+    def play(self, texture: Target) -> None:
+        """Render this from the next tick on."""
+        number, target = self._order.number + 1, self._order.target + 1
+        self.shared.targets.write(target, texture)
+        self._order = self._order._replace(number=number, target=target)
+
     def connect(self) -> None:
         """Connect the rig and let out what render decides from now on."""
         self.bench.rig.connect()
-        self._pump.open(BEGUN.number)
+        self._pump.open(self._order.number)
 
     def tick(self, position_m: float, normal_force_n: float, speed_m_s: float) -> None:
         """Let a tick pass with the finger pressing and sliding so. Raises HapticError for what failed."""
@@ -81,7 +88,7 @@ class SteppedDaemon:
         else:
             self._panel.lift()
         self.shared.sensed.write(self._sensed())
-        self.shared.order.write(BEGUN._replace(beat_s=now_s))
+        self.shared.order.write(self._order._replace(beat_s=now_s))
         self._pump.turn(now_s)  # what render said a tick ago
         self._renderer.step(Due(self._ticks, now_s, 0.0, 0))
         if self._envelope is not None:
