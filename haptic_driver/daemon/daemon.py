@@ -48,7 +48,7 @@ from haptic_driver.recording.event import Event
 from haptic_driver.rig.actuator import actuator_name
 from haptic_driver.rig.devices import calibration_ids
 from haptic_driver.rig.states import RigState
-from haptic_driver.textures.library import texture_names
+from haptic_driver.textures.library import script_names, texture_names
 
 WATCH_PERIOD_S = 0.02
 ARM_PATIENCE_S = 2.0
@@ -162,6 +162,7 @@ class Daemon:
         output, now_s, recording = self.shared.output.read(), self._clock(), self._recordings.path
         orders, targets, settings = self._orders, self._targets, self.basis.settings
         load_n, reachable_cof = targets.reach()
+        newest = self.shared.ring.newest(MEASURED_SAMPLES)
         judged = self._judged()
         latency = self._latency(judged)
         with orders.lock:
@@ -172,8 +173,8 @@ class Daemon:
                 rig=settings.config.name,
                 model=settings.model,
                 texture=targets.name if rendering else None,
-                target_cof=targets.asked_cof(output) if rendering else None,
-                measured_cof=_measured_cof(self.shared.ring.newest(MEASURED_SAMPLES)),
+                target_cof=targets.asked_cof(output, newest) if rendering else None,
+                measured_cof=_measured_cof(newest),
                 reachable_cof=list(reachable_cof),
                 frequency_hz=output.frequency_hz if rendering and output_on else None,
                 voltage_v=0.0 if output_on is False else output.voltage_v if rendering else None,
@@ -300,6 +301,10 @@ class Daemon:
     def textures(self) -> list[str]:
         """Names that `play` knows."""
         return texture_names(texture_dirs())
+
+    def scripts(self) -> list[str]:
+        """Those of them that are timed scripts."""
+        return script_names(texture_dirs())
 
     def models(self) -> list[str]:
         """Names that `use_model` knows."""

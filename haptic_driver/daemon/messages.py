@@ -273,9 +273,10 @@ class Tile(Checked):
 
 
 class TextureNames(Checked):
-    """What `GET /textures` answers."""
+    """What `GET /textures` answers; `scripts` run by the clock and have no picture."""
 
     textures: list[str]
+    scripts: list[str]
 
 
 class ModelNames(Checked):

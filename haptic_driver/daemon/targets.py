@@ -7,6 +7,9 @@ import threading
 import time
 from collections.abc import Callable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import RefusedError
@@ -67,12 +70,19 @@ class Targets:
         self._hand_over(token, target.started(self._clock()) if isinstance(target, Script) else target, texture)
         self._events.tell("texture", texture)
 
-    def asked_cof(self, output: Output) -> float | None:
-        """What was asked for, also before render has taken it up; for a texture what it asks under the finger."""
+    def asked_cof(self, output: Output, samples: NDArray[np.void]) -> float | None:
+        """What was asked for, also before render has taken it up.
+
+        Of a texture it is the mean beside what was measured in samples [n], or else the newest.
+        """
         if isinstance(self.target, Uniform):
             return self.target.cof
-        known = output.target == self._orders.order.target and math.isfinite(output.target_cof)
-        return output.target_cof if known else None
+        if output.target != self._orders.order.target:
+            return None
+        measured = np.isfinite(samples["measured_cof"]) & np.isfinite(samples["target_cof"])
+        if measured.any():
+            return float(samples["target_cof"][measured].mean())
+        return output.target_cof if math.isfinite(output.target_cof) else None
 
     def reach(self) -> tuple[float, tuple[float, float]]:
         """The load of the finger that is there now, N, and the lowest and highest friction under it."""

@@ -118,7 +118,7 @@ WHY_PAGE = Verb(
 STATUS = Verb("status", "GET", "/status", Empty, Status, lambda daemon, *_: daemon.status(), "The present state.")
 TEXTURES = Verb(
     "textures", "GET", "/textures", Empty, messages.TextureNames,
-    lambda daemon, *_: messages.TextureNames(textures=daemon.textures()),
+    lambda daemon, *_: messages.TextureNames(textures=daemon.textures(), scripts=daemon.scripts()),
     "Names that `/texture` knows.",
 )  # fmt: skip
 EVENTS = Verb(

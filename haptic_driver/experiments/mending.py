@@ -65,7 +65,7 @@ def mend(
         found = calibrate(description, _data(newest, newest_s), CHANGES, (SkinHydration,), same_finger=True)
         model = _at_level(found)
     except ModelError as error:
-        return Dropped(f"{error}: {error.hint}")
+        return Dropped(str(error))
     if np.any(np.abs(found.fit.vector) > FARTHEST):
         return Dropped("the finger's numbers would have to be far from any finger's: ask haptic why")
     unseen, before = _data(held_out_rows, newest_s), present or description

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -41,6 +42,17 @@ class Loaded(NamedTuple):
 def texture_names(search: Sequence[Path]) -> list[str]:
     """The names of all textures in the folders searched, sorted."""
     return sorted({path.stem for folder in search if folder.is_dir() for path in folder.glob("*.toml")})
+
+
+def script_names(search: Sequence[Path]) -> list[str]:
+    """Those of `texture_names` that are timed scripts; files that cannot be read are left out."""
+    found = []
+    for name in texture_names(search):
+        path = next(p for folder in search if (p := folder / f"{name}.toml").is_file())
+        with suppress(BadInputError):
+            if read_toml(path).get("kind") == "script":
+                found.append(name)
+    return found
 
 
 def load_texture(name_or_path: str, search: Sequence[Path]) -> Texture:

@@ -50,6 +50,9 @@ class BenchControl:
         self.shown_off = True  # whether switching off can be shown
         self.told = []
         self.agreement, self.disagreement, self.adaptation = [], None, None
+        self.overruns = 0
+        self.fidelity = None
+        self.latency = {"latency_why": "nobody has looked yet"}
         self.inquiry = SimpleNamespace(
             answer=Why(state="not_asked", said="nobody has asked yet"), page=lambda: "<h1>Why</h1>"
         )
@@ -91,7 +94,7 @@ class BenchControl:
                 current_rms_a=20e-6 if rendering else None,
                 output_on=rendering if self.shown_off else None,
                 ticks=self.ticks,
-                overruns=0,
+                overruns=self.overruns,
                 underruns=0,
                 switched=1,
                 relay_interval_s=1.0,
@@ -101,7 +104,9 @@ class BenchControl:
                 lease_holder=self.machine.holder,
                 actuator="none",
                 real_time=False,
-                latency_budget_s={"total": 0.01},
+                latency_budget_s={"tick": 0.0005, "total": 0.01},
+                fidelity=self.fidelity,
+                **self.latency,
                 surface_hash="0" * 8,
                 agreement=self.agreement,
                 disagreement=self.disagreement,
@@ -208,6 +213,9 @@ class BenchControl:
 
     def textures(self):
         return ["grating", "linen"]
+
+    def scripts(self):
+        return []
 
     def models(self):
         return ["other", "reference"]

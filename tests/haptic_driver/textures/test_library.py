@@ -13,7 +13,7 @@ from PIL import Image
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import FrictionMap, Grating, Placed, Profile, Uniform
-from haptic_driver.textures.library import load, load_texture, texture_names
+from haptic_driver.textures.library import load, load_texture, script_names, texture_names
 
 TEN = [
     "braille", "brushed_metal", "fine_grating", "grating", "linen", "ramp", "ratchet", "ridges", "sandpaper", "uniform",
@@ -64,6 +64,7 @@ def png(path, width, height, *, bits, colour_type, chunks=()):
 class TestShipped:
     def test_names(self):
         assert texture_names(SHIPPED) == sorted([*TEN, "steps"])
+        assert script_names(SHIPPED) == ["steps"]
 
     def test_uniform(self):
         assert load_texture("uniform", SHIPPED) == Uniform(0.60)
@@ -110,6 +111,7 @@ class TestNames:
 
     def test_no_folder_has_no_names(self, folder):
         assert texture_names([folder / "missing"]) == []
+        assert script_names([folder / "missing"]) == []
         with pytest.raises(BadInputError, match="no texture 'uniform'"):
             load_texture("uniform", [])
 

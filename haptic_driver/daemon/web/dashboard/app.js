@@ -3,8 +3,9 @@
 import { showAgreement } from "./agreement.js";
 import { Refusal, Stream, ask } from "./connection.js";
 import { Controls } from "./controls.js";
+import { allWords, latencyWords, scoreWords, showBands } from "./fidelity.js";
 import { Happened } from "./flags.js";
-import { History, errorOf } from "./history.js";
+import { History } from "./history.js";
 import { SCALE, levelOf, readTheme } from "./palette.js";
 import { rippleWords } from "./ripple.js";
 import { Screen } from "./screen.js";
@@ -19,13 +20,13 @@ const SLOW_MS = 1000; // between looks at what seldom changes: the surface, a te
 const TRAIL_EVERY = 8; // ticks
 const POINTS = 30; // frames of which the operating point is remembered
 const READ_MS = 480; // numbers that change faster are not read, and a plot of 10 s need not be drawn more often
-const ERROR_S = 1; // of samples, each against its own target
 const LATE_S = 10; // frames of which the ticks are summed up
 
 const $ = (id) => document.getElementById(id);
 const page = {
   status: null, newest: null, frames: [], linked: false, awaited: 0, newestS: 0, wallS: 0,
-  carrier: null, surfaceOf: null, textures: null, selected: "", textureOf: null, history: new History(SPANS_S), spanS: SPANS_S[0], paused: null, readMs: 0, plotMs: 0, state: "",
+  carrier: null, surfaceOf: null, textures: null, scripts: [], selected: "", textureOf: null,
+  history: new History(SPANS_S), spanS: SPANS_S[0], paused: null, readMs: 0, plotMs: 0, state: "",
 };
 readTheme();
 const screen = new Screen($("texture-map"), $("finger"), { trailed: $("trail"), marks: $("marks"), here: $("here"), ahead: $("ahead"), nobody: $("nobody") });
@@ -88,9 +89,12 @@ function showTexture() {
   page.textureOf = of;
   if (playing && name === null) screen.showFlat(status.target_cof, `friction ${status.target_cof}`);
   else if (!name) screen.showNothing("no texture");
-  else if (playing && !page.textures.includes(name)) showPlaying();
+  else if (playing && !hasPicture(name)) showPlaying();
+  else if (!hasPicture(name)) screen.showNothing(`${name}, not playing`);
   else screen.showTexture(name, playing ? name : `${name}, not playing`, playing ? showPlaying : () => screen.showNothing(`${name}, not playing`));
 }
+
+const hasPicture = (name) => page.textures.includes(name) && !page.scripts.includes(name);
 
 // What plays is in no library, or changes with time: the daemon's coarse map of it.
 async function showPlaying() {
@@ -108,7 +112,7 @@ async function showPlaying() {
 
 async function fetchNames() {
   await quietly(async () => {
-    page.textures = (await ask("GET", "/textures")).textures;
+    Object.assign(page, await ask("GET", "/textures"));
     showTexture();
     await controls.fetchNames();
     page.carrier = await ask("GET", "/carrier");
@@ -124,7 +128,8 @@ setInterval(() => { if (screen.coarse && page.linked) showPlaying(); }, SLOW_MS)
 function onFrame({ time_s, unix_time_s, status, newest, ticks, samples }) {
   const first = !page.linked, now = performance.now() / 1000;
   Object.assign(page, { linked: true, status, newest, wallS: unix_time_s - time_s });
-  page.frames.push({ time_s: now, newest, ticks });
+  const { overruns, underruns } = status;
+  page.frames.push({ time_s: now, newest, ticks, overruns, underruns });
   while (page.frames[0].time_s < now - LATE_S) page.frames.shift();
   if (first) {
     $("link").textContent = "connected";
@@ -202,8 +207,11 @@ function showFigures(status, newest) {
   say("rig", `rig ${status.rig}${status.texture ? `, texture ${status.texture}` : ""}`);
   say("target_cof", fixed(status.target_cof, 3));
   say("measured_cof", fixed(status.measured_cof, 3));
-  const error = errorOf(page.history.shown(SPANS_S[0]).buckets.filter((b) => b.time_s > page.newestS - ERROR_S));
-  say("error", error ? percent(error.rms, 1) : "–");
+  const error = status.fidelity?.relative_error_rms ?? null;
+  say("error", error === null ? "–" : percent(error, 1));
+  say("score", scoreWords(status.fidelity));
+  $("score").title = allWords(status.fidelity);
+  showBands($("bands"), status.fidelity, page.carrier?.bands_hz);
   say("voltage_v", fixed(status.voltage_v, 1, " V"));
   say("frequency_hz", status.frequency_hz === null ? "–" : `${Number(status.frequency_hz.toPrecision(4))} Hz`);
   showRipple(status);
@@ -213,9 +221,7 @@ function showFigures(status, newest) {
   say("speed", newest?.in_contact ? `${(newest.speed_m_s * 1e3).toFixed(0)} mm/s` : "no finger");
   say("actuator", status.actuator);
   say("real_time", status.real_time ? "real time" : "not real time");
-  const { total, ...parts } = status.latency_budget_s;
-  const shares = Object.entries(parts).map(([part, s]) => `${part.replaceAll("_", " ")} ${(s * 1e3).toFixed(1)}`);
-  say("latency", `${fixed(total === undefined ? null : total * 1e3, 1, " ms")}${shares.length ? `: ${shares.join(", ")}` : ""}`);
+  say("latency", latencyWords(status));
   say("recording", status.recording_fault ? `${status.recording ?? "waiting"}; a part is missing: ${status.recording_fault}` : (status.recording ?? "none"));
   say("surface_hash", `${status.model.split("/").at(-1)}, surface ${status.surface_hash.slice(0, 12)}`);
   happened.showFlags(status.flags);
@@ -231,20 +237,28 @@ function showRipple({ frequency_hz, voltage_v }) {
   say("ripple", known ? rippleWords(frequency_hz, page.carrier) : "–");
 }
 
-// All about the ticks in one line.
+// All about the ticks in one line; in red while some were missed within the last seconds.
 function showTicks(status) {
   const late = page.frames.map((f) => f.ticks.lateness_max_s ?? 0), last = page.frames.at(-1).ticks;
+  const { overruns, underruns } = page.frames[0];
+  const missed = status.overruns - overruns, gaps = status.underruns - underruns;
+  const since = `${status.overruns} and ${status.underruns} in ${status.ticks.toLocaleString("en")} ticks`;
   const inTime = status.timing.in_time === null ? "" : `${percent(status.timing.in_time)} in time, `;
   say("ticks", `Ticks: ${inTime}${brief(last.lateness_median_s)} late, ${brief(Math.max(...late))} at most in 10 s; ${brief(last.compute_median_s)} computing; ` +
-    `${status.overruns} overruns, ${status.underruns} underruns in ${status.ticks.toLocaleString("en")}`);
-  $("ticks").classList.toggle("some", status.overruns + status.underruns > 0);
+    `${missed} overruns, ${gaps} underruns meanwhile, ${since}`);
+  $("ticks").classList.toggle("some", missed + gaps > 0);
+}
+
+// What the plot shows of now.
+function present() {
+  const { history, spanS, newestS: nowS, wallS } = page;
+  return { ...history.shown(spanS), nowS, wallS };
 }
 
 function showTime() {
-  const shown = page.paused ?? { ...page.history.shown(page.spanS), nowS: page.newestS };
-  const error = errorOf(shown.buckets.filter((b) => b.time_s > shown.nowS - page.spanS));
-  say("span-error", error ? `error ${percent(error.rms, 1)} rms, ${percent(error.within)} of the time within 5 %` : "");
-  if (inSight.has($("friction")) && !document.hidden) drawTimePlot($("friction"), shown, shown.nowS, page.spanS, page.wallS);
+  const shown = page.paused ?? present();
+  if (!inSight.has($("friction")) || document.hidden) return;
+  drawTimePlot($("friction"), shown, page.spanS);
 }
 
 // --- what the user looks at ---------------------------------------------------------------------------------------
@@ -258,14 +272,14 @@ const watching = new IntersectionObserver((entries) => {
 for (const id of ["friction", "surface"]) watching.observe($(id));
 
 $("pause").addEventListener("click", () => {
-  page.paused = page.paused ? null : { ...page.history.shown(page.spanS), nowS: page.newestS };
+  page.paused = page.paused ? null : present();
   $("pause").setAttribute("aria-pressed", `${page.paused !== null}`);
   say("pause", page.paused ? "Resume" : "Pause");
   showTime();
 });
 $("spans").addEventListener("change", ({ target }) => {
   page.spanS = Number(target.value);
-  if (page.paused) page.paused = { ...page.history.shown(page.spanS), nowS: page.paused.nowS };
+  if (page.paused) page.paused = { ...page.paused, ...page.history.shown(page.spanS) };
   showTime();
 });
 $("zoom-in").addEventListener("click", () => screen.zoomBy(2));

@@ -143,14 +143,16 @@ export class Controls {
   // --- what there is ---------------------------------------------------------------------------------------------
 
   async fetchNames() {
-    const [{ textures }, { models }] = await Promise.all([ask("GET", "/textures"), ask("GET", "/models")]);
+    const { textures, scripts } = await ask("GET", "/textures");
+    const { models } = await ask("GET", "/models");
     const chosen = $("model").value; // by a person, perhaps: names are fetched again when the link comes back
     $("model").replaceChildren(...models.map((name) => new Option(name)));
     $("model").value = models.includes(chosen) ? chosen : this.status?.model;
     const before = this.texture;
     $("textures").replaceChildren(...textures.map((name) => thumbnail(name, before ? name === before : name === textures[0])));
     this.choose();
-    for (const name of textures) await drawThumbnail(name);
+    for (const name of scripts) labelOf(name)?.classList.add("script");
+    for (const name of textures) if (!scripts.includes(name)) await drawThumbnail(name);
   }
 
   choose() {
@@ -248,14 +250,16 @@ function thumbnail(name, checked) {
   return label;
 }
 
+const labelOf = (name) => document.querySelector(`#textures label[data-name="${CSS.escape(name)}"]`);
+
 async function drawThumbnail(name) {
-  const image = document.querySelector(`#textures label[data-name="${CSS.escape(name)}"] img`);
+  const image = labelOf(name)?.querySelector("img");
   if (!image) return;
   try {
     const { picture } = await fetchTile(name, 0, 0, THUMBNAIL.pitch_m, THUMBNAIL.columns, THUMBNAIL.rows);
     image.src = picture.toDataURL(); // a canvas is drawn anew with every frame
   } catch (error) {
     if (!(error instanceof Refusal)) throw error;
-    image.closest("label").setAttribute("title", error.message); // a script has no picture
+    image.closest("label").setAttribute("title", error.message);
   }
 }

@@ -20,7 +20,7 @@ class Spread {
 const FIELDS = ["target", "measured", "expected", "reachLow", "reachHigh", "force", "voltage", "current"];
 
 class Bucket {
-  count = 0; touched = 0; compared = 0; squares = 0; within = 0;
+  count = 0; touched = 0;
 
   constructor(number, periodS) {
     this.number = number;
@@ -32,11 +32,6 @@ class Bucket {
     this.count += 1;
     this.touched += sample.touching ? 1 : 0;
     for (const field of FIELDS) this[field].add(sample[field]);
-    if (sample.target === null || sample.measured === null) return;
-    const error = sample.measured / sample.target - 1;
-    this.compared += 1;
-    this.squares += error * error;
-    this.within += Math.abs(error) <= 0.05 ? 1 : 0;
   }
 }
 
@@ -64,15 +59,4 @@ export class History {
     const { periodS, buckets } = this.levels.get(spanS);
     return { periodS, buckets: buckets.slice() };
   }
-}
-
-// How far measured friction was from its target: {rms, within} as shares, null without both.
-export function errorOf(buckets) {
-  let n = 0, squares = 0, within = 0;
-  for (const bucket of buckets) {
-    n += bucket.compared;
-    squares += bucket.squares;
-    within += bucket.within;
-  }
-  return n ? { rms: Math.sqrt(squares / n), within: within / n } : null;
 }

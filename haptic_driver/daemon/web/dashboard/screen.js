@@ -93,6 +93,7 @@ export class Screen {
     this.at = this.layout();
     const { left, top, w, h } = this.at;
     Object.assign(this.marks.style, { left: `${left}px`, top: `${top}px`, width: `${w}px`, height: `${h}px` });
+    Object.assign(this.nobody.style, { left: `${left + 8}px`, top: `${top + 8}px` });
     return this.at;
   }
 

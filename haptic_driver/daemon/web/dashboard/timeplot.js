@@ -6,11 +6,13 @@ import { theme } from "./palette.js";
 const LEFT = 58, RIGHT = 8, AXIS = 20;
 const STRIPS = [["force", "force, N"], ["voltage", "voltage, V"], ["current", "current, µA"]];
 const STRIP_SHARE = 0.13; // of the height, each
+const LEAST_STEPS = 3; // of friction: one number alone is no scale
 const OUTLIERS = 0.01; // of the buckets at each end, which do not rule the scale
 
-// `shown`: {periodS, buckets}; newest at the right, at `nowS`; `wallS`: what to add for the time on the wall.
-export function drawTimePlot(canvas, shown, nowS, spanS, wallS) {
-  const { pen, width, height } = begin(canvas);
+// `shown`: {periodS, buckets, nowS, wallS}; newest at the right, at `nowS`.
+// `wallS`: what to add for the time on the wall.
+export function drawTimePlot(canvas, shown, spanS) {
+  const { nowS, wallS } = shown, { pen, width, height } = begin(canvas);
   const x = (t) => width - RIGHT - ((nowS - t) / spanS) * (width - LEFT - RIGHT);
   const strip = Math.max(STRIP_SHARE * height, 26), bottom = height - AXIS;
   const friction = { top: 6, bottom: bottom - STRIPS.length * strip - 6 };
@@ -32,7 +34,8 @@ function drawFriction(at, buckets, { top, bottom }) {
   gaps(at, buckets, top, bottom);
   band(at, buckets, theme.reach, (b) => [b.reachLow.mean, b.reachHigh.mean], y);
   band(at, buckets, theme.five, (b) => (b.target.n ? [0.95 * b.target.low, 1.05 * b.target.high] : [null, null]), y);
-  grid(at, y0, y1, y, (bottom - top) / 40);
+  const labels = steps(y0, y1, Math.max((bottom - top) / 40, LEAST_STEPS));
+  grid(at, labels, y);
   pen.globalAlpha = 0.3;
   band(at, buckets, theme.blue, (b) => (b.measured.n > 1 ? [b.measured.low, b.measured.high] : [null, null]), y);
   pen.globalAlpha = 1;
@@ -41,7 +44,7 @@ function drawFriction(at, buckets, { top, bottom }) {
   line(pen, means("measured"), { colour: theme.blue, width: 1.8 });
   line(pen, means("target"), { colour: theme.orange, width: 2, dash: [7, 4] });
   pen.restore();
-  for (const v of steps(y0, y1, Math.max((bottom - top) / 40, 2))) text(pen, v.toFixed(2), LEFT - 6, y(v), { align: "right" });
+  for (const v of labels) text(pen, v.toFixed(2), LEFT - 6, y(v), { align: "right" });
   upright(pen, "friction", 9, (top + bottom) / 2);
   pen.strokeStyle = theme.edge;
   pen.lineWidth = 1;
@@ -96,10 +99,10 @@ function drawTimes({ pen, x }, nowS, spanS, wallS, bottom) {
   }
 }
 
-function grid({ pen, width }, y0, y1, y, most) {
+function grid({ pen, width }, values, y) {
   pen.strokeStyle = theme.line;
   pen.lineWidth = 1;
-  for (const v of steps(y0, y1, Math.max(most, 2))) {
+  for (const v of values) {
     pen.beginPath(); pen.moveTo(LEFT, y(v)); pen.lineTo(width - RIGHT, y(v)); pen.stroke();
   }
 }

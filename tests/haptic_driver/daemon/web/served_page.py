@@ -73,7 +73,10 @@ class SlidingControl(BenchControl):
         return made
 
     def textures(self):
-        return ["braille", "fine_grating", "grating", "linen"]
+        return ["braille", "fine_grating", "grating", "linen", *self.scripts()]
+
+    def scripts(self):
+        return ["steps"]
 
     def tile(self, asked):
         texture = load_texture(asked.name, texture_dirs())

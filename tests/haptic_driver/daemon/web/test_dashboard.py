@@ -8,7 +8,7 @@ from datetime import datetime
 import pytest
 
 from haptic_driver.daemon import verbs
-from haptic_driver.daemon.messages import AgreementCell
+from haptic_driver.daemon.messages import AgreementCell, RenderedFidelity
 from haptic_driver.processes.samples import Flag
 from haptic_driver.textures.bands import EDGES_HZ
 from haptic_driver.textures.ripple import ripple
@@ -105,7 +105,8 @@ def test_it_loads_without_complaint_and_asks_nobody_else(page, served):
     text(page, "#state", "IDLE")
     text(page, "#output", "OFF")
     expect(page.locator("#simulated")).to_be_visible()
-    expect(page.locator("#textures label")).to_have_count(4)
+    expect(page.locator("#textures label")).to_have_count(5)
+    expect(page.locator("#textures .script")).to_have_attribute("data-name", "steps")
     text(page, "#events li .kind", "state")
     until(lambda: page.evaluate(TILES_ASKED) > 4)  # thumbnails, and what is selected
     assert page.complaints == []
@@ -340,6 +341,61 @@ def test_the_page_judges_a_ripple_as_the_program_does(page, carrier_hz, quiet_ab
     judged = ripple(carrier_hz, quiet_above_hz)
     assert said.endswith(": felt") is judged.felt
     assert said.partition(", ")[2].startswith(judged.place)
+
+
+FIDELITY = RenderedFidelity(
+    first_tick=0,
+    last_tick=9999,
+    sliding_time_s=6.5,
+    share_within_5_percent=0.97,
+    constant_share_within_5_percent=0.7,
+    constant_cof=0.6,
+    relative_error_rms=0.0136,
+    cof_error_rms=0.0081,
+    correlation=0.91,
+    band_gain=[0.91, 1.3, 0.79, None, 1.0, 0.66, None, None, None],
+    band_coherence=[0.98, 0.9, 0.8, None, 0.5, 0.1, None, None, None],
+    share_above_jnd=0.0,
+    bands_felt=9 * [None],
+    reach_hz=110.0,
+    said=["within 5 % for 97 % of the time; a constant 0.60 reaches 70 %", "and more"],
+)
+
+
+def test_the_score_and_the_bands_are_the_daemons_own(page, control):
+    expect(page.locator("#bands li")).to_have_count(9)
+    expect(page.locator("#bands li.unknown")).to_have_count(9)
+    text(page, "#error", "–")
+    control.fidelity = FIDELITY
+    text(page, "#error", "1.4 %")
+    text(page, "#score", FIDELITY.said[0])
+    expect(page.locator("#score")).to_have_attribute("title", ".\n".join(FIDELITY.said))
+    bands = page.locator("#bands li")
+    kinds = [(bands.nth(i).get_attribute("class") or "") for i in range(9)]
+    assert kinds == ["", "off", "off", "unknown", "", "unknown", "unknown", "unknown", "unknown"]
+    said = [bands.nth(i).get_attribute("title") for i in (1, 3, 5, 8)]
+    assert said[0] == "25 Hz: gain 1.30, coherence 0.90"
+    assert said[1] == "63 Hz: too little is asked for, or too short a time"
+    assert said[2] == "159 Hz: gain 0.66, coherence 0.10, above what this rig can do"
+    assert said[3].endswith("Hz: above what this rig can do")
+    heights = [bands.nth(i).locator("i").bounding_box()["height"] for i in (0, 1)]
+    assert heights[1] / heights[0] == pytest.approx(1.3 / 0.91, rel=0.03)
+
+
+def test_the_latency_is_said_as_measured_beside_the_budget(page, control):
+    budget = "10.0 ms by the rig's file: tick 0.5"
+    text(page, "#latency", f"{budget}; not measured: nobody has looked yet")
+    control.latency = {"latency_measured_s": 0.0123, "latency_error_s": 0.0002}
+    text(page, "#latency", f"12.3 ± 0.2 ms measured, {budget}")
+
+
+def test_ticks_that_were_missed_long_ago_are_no_alarm(hurried, control):
+    page, let_pass = hurried
+    expect(page.locator("#ticks")).to_contain_text("0 overruns, 0 underruns meanwhile")
+    control.overruns = 92
+    expect(page.locator("#ticks.some")).to_contain_text("92 overruns, 0 underruns meanwhile")
+    let_pass(11.0)
+    expect(page.locator("#ticks:not(.some)")).to_contain_text("92 and 0 in")
 
 
 def test_a_fault_is_shown_and_reset(page, served, control):
