@@ -22,22 +22,24 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.config import find_config, texture_dirs
+from haptic_driver.config import find_config
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import DaemonState, RefusedError, Why
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.run import PAGE_FOLDER
 from haptic_driver.daemon.set_up import daemon_settings
 from haptic_driver.daemon.web.server import serve
+from haptic_driver.fidelity.perception import load_perception
+from haptic_driver.fidelity.said import said
+from haptic_driver.fidelity.samples import fidelity_of_samples, sliding
 from haptic_driver.pictures.files import pyplot, saved
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import take_precedence
 from haptic_driver.rig.config import load_rig
-from haptic_driver.signals import SLIDING_M_S, WITHIN, Array
+from haptic_driver.signals import Array
 from haptic_driver.simulation.friction import FrictionLaw, surface_friction, with_hidden
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.models import load_model
-from haptic_driver.textures.library import load_texture
 from model.touch_model import TouchModel
 
 RIG, MODEL, TEXTURE = "simulated-envelope", "reference", "linen"
@@ -46,7 +48,7 @@ LIFTED = "contact_current_a_rms = [[1.0, 1.0], [1e6, 1.0]]  # A rms"
 DRY_S, MOISTENING_S, WETNESS = 17.0, 4.0, 1.2  # of the finger's life, and of the effect skin_hydration
 STEPS = 5  # of wetness, between which friction is taken as even
 LEASE_S = 20.0
-PIECE = 100  # ticks, some threads long: a busy machine is late, and that is not what is shown here
+PIECE = 100  # ticks, some threads long: a point of the picture
 SHOWN_S, MOST_S = 7.0, 120.0  # of what is shown; and to wait for anything
 ROWS = 50  # of another carrier, to ask why by: some 6 s of sliding
 
@@ -111,13 +113,11 @@ class Watching:
 
 
 def errors(samples: NDArray[np.void]) -> tuple[Array, Array]:
-    """By how much friction was off the texture's, relative, over each PIECE of ticks on the way; and when."""
-    texture = load_texture(TEXTURE, texture_dirs())
+    """By how much friction was off what was asked, relative, over each PIECE of ticks on the way; and when."""
     pieces = samples[: samples.size // PIECE * PIECE].reshape(-1, PIECE)
-    sliding = np.all(np.isfinite(pieces["measured_cof"]) & (pieces["speed_m_s"] > SLIDING_M_S), axis=1)
-    felt = pieces[sliding]
-    wanted = np.asarray(texture.cof_at(felt["position_x_m"].ravel(), felt["position_y_m"].ravel())).reshape(felt.shape)
-    return felt["time_s"].mean(axis=1), felt["measured_cof"].mean(axis=1) / wanted.mean(axis=1) - 1.0
+    known = sliding(pieces.ravel()) & np.isfinite(pieces.ravel()["target_cof"])
+    felt = pieces[np.all(known.reshape(pieces.shape), axis=1)]
+    return felt["time_s"].mean(axis=1), felt["measured_cof"].mean(axis=1) / felt["target_cof"].mean(axis=1) - 1.0
 
 
 def demonstrate(out: Path) -> None:
@@ -168,12 +168,14 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
         watching.until(partial(seen, carrier_hz), f"the same at {carrier_hz:g} Hz")
     daemon.disarm()
     daemon.ask_why((time.monotonic() - mended[0]) / 60.0)
-    time_s, off = errors(np.concatenate(watching.samples))
+    samples = np.concatenate(watching.samples)
+    time_s, off = errors(samples)
     shares = {}
     for name, (start_s, end_s) in {"dry": dry, "moist": moist, "moist, mended": mended}.items():
-        there = (time_s > start_s) & (time_s < end_s)
-        shares[name] = (start_s, end_s, float(np.mean(np.abs(off[there]) <= WITHIN)))
-        print(f"{name}: {shares[name][2]:.0%} of sliding, by tenths of a second, within 5 % of {TEXTURE}")
+        there = (samples["time_s"] > start_s) & (samples["time_s"] < end_s)
+        found = fidelity_of_samples(samples[there], load_perception())
+        shares[name] = (start_s, end_s, found.share_within_5_percent or 0.0)
+        print(f"{name}: {said(found)[0]}")
     print("haptic why ...", flush=True)
     while (why := daemon.basis.inquiry.answer).state == "running":
         time.sleep(0.5)

@@ -187,10 +187,15 @@ def _timing_s(run: Run) -> float:
 
 def _felt(run: Run, later_s: float) -> NDArray[np.intp]:
     """Which sample's command each sample feels."""
-    latency, time_s = run.attributes["latency_budget_s"], run.samples["time_s"]
-    felt_s = latency["total"] - latency["sensor"] - latency["tick"] + later_s  # as the daemon's own feedback has it
-    place: NDArray[np.intp] = np.maximum(np.searchsorted(time_s, time_s - felt_s, side="right") - 1, 0)
-    return place
+    samples = run.samples
+    if "asked_time_s" in (samples.dtype.names or ()):
+        acts_s, felt_s = np.maximum.accumulate(samples["asked_time_s"]), samples["felt_time_s"]
+    else:  # a recording of before they were written down; as the daemon's own feedback had it
+        latency = run.attributes["latency_budget_s"]
+        acts_s = samples["time_s"] + latency["total"] - latency["sensor"] - latency["tick"]
+        felt_s = samples["time_s"]
+    place: NDArray[np.intp] = np.searchsorted(acts_s + later_s, felt_s, side="right") - 1
+    return np.maximum(place, 0)
 
 
 def _power_v2(run: Run, later_s: float) -> Array:

@@ -48,6 +48,8 @@ def ticks(
         made[name] = np.repeat([getattr(part, name) for part in parts], counts)
     made["in_contact"] = made["normal_force_n"] > 0.0
     made["output_on"] = made["voltage_v"] > 0.0
+    made["felt_time_s"] = made["time_s"]
+    made["asked_time_s"] = made["time_s"] + LATENCY_S  # as the budget has it
     delay = round(latency_s / TICK_S)
     felt_v, felt_hz = (np.roll(made[name], delay) for name in ("voltage_v", "frequency_hz"))
     felt_v[:delay] = 0.0

@@ -79,8 +79,9 @@ def test_a_texture_finer_than_a_row_gives_rows_of_the_finger(rng, tmp_path, spee
     parts = [Part(0.001, 100.0, float(voltage_v), 0.5, speed_m_s) for voltage_v in voltages_v]
     budget = {"sensor": 0.004, "tick": 0.0005, "envelope": 0.002, "instrument": 0.001, "total": 0.0075}
     made = ticks(parts, law, rng, wobble=0.03, latency_s=0.003 + waited_s)
+    made["asked_time_s"] = made["time_s"] + 0.003
     heard = np.where(made["tick"] % 100 < late, made["tick"] // 100 * 100, made["tick"]).astype(np.intp)
-    for name in ("normal_force_n", "lateral_force_n", "measured_cof"):
+    for name in ("normal_force_n", "lateral_force_n", "measured_cof", "felt_time_s"):
         made[name] = made[name][heard]
     path = record(tmp_path / "run.h5", made, header=replace(HEADER, latency_budget_s=budget))
     rows = read_rows(path, tmp_path)
