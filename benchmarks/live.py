@@ -49,6 +49,7 @@ from tests.blind.generator.touch import Finger, Rows, friction, prepare
 
 TICK_S = 0.001
 LATENCY_TICKS = 3
+LATENCY_S = 0.003  # from a tick to its effect
 BUDGET_S = {"sensor": 0.0, "tick": 0.0005, "envelope": 0.002, "instrument": 0.001, "total": 0.0035}
 CARRIER_HZ, OTHER_HZ = 200.0, 10e3
 LIMITS = OperatingLimits(150.0, 1.0, 1e6, contact_current_a_rms=((1.0, 1.0), (1e6, 1.0)))
@@ -139,7 +140,7 @@ class Arm:
     def __init__(self, kind: str, texture: str) -> None:
         self.kind = kind
         self.file_model = self.model = load_model("reference")
-        finger = FingerSettings(output_latency_s=BUDGET_S["total"])
+        finger = FingerSettings(output_latency_s=LATENCY_S)
         self.stages = TickSettings(
             finger, load_texture(texture, texture_dirs()), self.controller(self.model), LIMITS, DriveSettings()
         )
@@ -295,6 +296,7 @@ def told(i: int, speed_m_s: float, sample: FingerSample, done: Tick) -> np.void:
     kept["in_contact"], kept["frequency_hz"] = done.finger.in_contact, done.command.frequency_hz
     kept["voltage_v"], kept["output_on"] = done.command.voltage_v, done.command.voltage_v > 0.0
     kept["measured_cof"] = abs(sample.lateral_force_n) / sample.normal_force_n
+    kept["felt_time_s"], kept["asked_time_s"] = sample.time_s, sample.time_s + LATENCY_S
     return kept
 
 
