@@ -39,7 +39,7 @@ def run() -> Iterator[Claim]:
     cof = 0.7 + 0.1 * np.sin(np.linspace(0.0, 5.0, COURSE_POINTS))
 
     def from_friction() -> None:
-        voltage_v, _ = controller.along(known.gains, known.cautious, cof, done.finger, 250.0)
+        voltage_v, _ = controller.along(known, cof, done.finger, 250.0)
         np.multiply(voltage_v, voltage_v, out=powers_v2[1:])
         envelope.synthesise(powers_v2, samples_v)
 

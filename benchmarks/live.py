@@ -31,7 +31,7 @@ from haptic_driver.recording.read import Run
 from haptic_driver.render import envelope
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
-from haptic_driver.render.feedback import FeedbackSettings, Gains, elsewhere
+from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains, elsewhere
 from haptic_driver.render.finger import FingerSettings
 from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
 from haptic_driver.signals import SLIDING_M_S, WITHIN, Array, FingerSample
@@ -304,7 +304,7 @@ def carrier_changed(arm: Arm, gains: Gains, other: Skin, now_s: float, done: Tic
     """By how much friction is off, relative, at the first tick on another carrier, for two frictions in reach there."""
     load_n = done.finger.normal_force_n
     wanted = np.array([other.cof(now_s, voltage_v, load_n) for voltage_v in (70.0, 110.0)])
-    voltages_v, _ = arm.other.along(gains, False, wanted, done.finger, OTHER_HZ)
+    voltages_v, _ = arm.other.along(Estimate(gains), wanted, done.finger, OTHER_HZ)
     felt = [other.cof(now_s, float(voltage_v), load_n) for voltage_v in voltages_v]
     return (np.array(felt) / wanted - 1.0).tolist()
 

@@ -18,6 +18,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from haptic_driver.daemon.asked_for import Asked, AskedFor
 from haptic_driver.processes import parent, real_time
 from haptic_driver.processes.compilation import compilation_said
@@ -28,7 +30,15 @@ from haptic_driver.render import envelope
 from haptic_driver.render.compiled import refuse_to_compile
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.finger import FingerTracking
-from haptic_driver.render.texture import FloatArray, Target, Uniform
+from haptic_driver.render.texture import (
+    FloatArray,
+    FrictionMap,
+    Profile,
+    Target,
+    Texture,
+    Uniform,
+    Waves,
+)
 from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
 from haptic_driver.signals import SLIDING_M_S, FingerSample, FingerState
 from haptic_driver.textures.bands import FINGER_LAG_M
@@ -132,6 +142,8 @@ class Renderer:
         self._surface = settings.surface
         self._nothing = replace(settings.tick, texture=Nothing())
         self._lead_s = settings.lead_s  # as the envelope's writer said last
+        # from a tick to the effect of what it decides
+        self._latency_s = settings.tick.finger.output_latency_s
         self._asked = AskedFor(settings.period_s)
         self._kept = Kept(overruns=shared.output.read().overruns)
         self.rendering = False  # at the last tick
@@ -149,13 +161,15 @@ class Renderer:
 
     def warm_up(self) -> None:
         """Run every compiled path once, far from any output."""
-        settings = replace(self._settings.tick, texture=Uniform(0.7))
+        stages = [replace(self._settings.tick, texture=texture) for texture in _of_every_kind()]
         state = TickState()
         for i in range(WARM_UP_TICKS):
             time_s = i * self._settings.period_s
+            settings = stages[i % len(stages)]
             state, done = tick(settings, state, FingerSample(time_s, 0.05 * time_s, 0.0, 0.5, 0.3))
             state, _ = envelope.ahead(settings, state, done, self._settings.period_s)
-        _carried(settings.controller, settings.controller, state)
+        controller = self._settings.tick.controller
+        _carried(controller, controller, state)
 
     def step(self, due: Due) -> Output:
         """One tick: read, decide, write."""
@@ -164,7 +178,7 @@ class Renderer:
         self._kept, done, output = self._decide(due, heard)
         self._shared.output.write(output)
         if self._settings.envelope:
-            self._shared.courses.write((output.order, *self._kept.course_v2.tolist()))
+            self._shared.courses.write((output.order, self._kept.course_v2.tobytes()))
         asked = Asked(done.target.cof, done.wanted.cof, done.wanted.reachable)
         self._asked.add(due.due_s + self._latency_s, asked)
         self._shared.ring.write(self._sample(due, heard, done, output, self._kept))
@@ -220,15 +234,10 @@ class Renderer:
         """Render for an envelope that is written so far ahead."""
         more_s, self._lead_s = lead_s - self._lead_s, lead_s
         controller = Controller(later_by(more_s, self._nothing.controller.settings))
-        finger = self._nothing.finger
-        finger = replace(finger, output_latency_s=finger.output_latency_s + more_s)
+        self._latency_s += more_s
+        finger = replace(self._nothing.finger, output_latency_s=self._latency_s)
         self._nothing = replace(self._nothing, controller=controller, finger=finger)
         self._tick_settings = replace(self._tick_settings, controller=controller, finger=finger)
-
-    @property
-    def _latency_s(self) -> float:
-        """From a tick to the effect of what it decides."""
-        return self._nothing.finger.output_latency_s
 
     def _decide(self, due: Due, heard: Heard) -> tuple[Kept, Tick, Output]:
         """What to put out; nothing is changed here."""
@@ -318,6 +327,17 @@ class Renderer:
             heard.order.rendering and due.due_s >= heard.driven_since_s,
             output.flags,
         )
+
+
+def _of_every_kind() -> list[Texture]:
+    """Textures that are looked up by compiled functions, and one that is not."""
+    cof = np.full((1, 1, 4), 0.7)
+    return [
+        Uniform(0.7),
+        FrictionMap(cof[0], 0.01, 0.01, "tile"),
+        Profile((0.0, 0.01), (0.7, 0.7), "tile"),
+        Waves(cof, np.array([0.05]), np.array([0.5]), 0.01, 0.0, (0.05, 0.5)),
+    ]
 
 
 def _speed_m_s(finger: FingerState | FingerTracking) -> float:

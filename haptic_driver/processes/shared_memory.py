@@ -6,7 +6,6 @@ left behind, and is gone with the last process that has it, however that ended. 
 
 from __future__ import annotations
 
-import math
 import mmap
 import os
 import pickle
@@ -128,8 +127,8 @@ Kept = TypeVar("Kept")
 class Slot(Generic[Values]):
     """One record with one writer and any number of readers, who see the newest whole record and never half of one.
 
-    A sequence number around the content is odd while a writer is at it. The checksum makes a torn copy show on
-    processors that reorder memory accesses too.
+    A sequence number before the content is odd while a writer is at it. The checksum, which counts
+    that number in, makes a torn copy show: no copy needs to read memory in order, on any processor.
     """
 
     def __init__(self, memory: memoryview, initial: Values) -> None:
@@ -150,7 +149,7 @@ class Slot(Generic[Values]):
     def write(self, values: Values) -> None:
         """Replace the record."""
         sequence = self._sequence[0] | 1  # a writer that was killed left it odd
-        content = self._content.pack(*self._encoded(values))
+        content = self._content.pack(*(values if self._text is None else self._encoded(values)))
         self._sequence[0] = sequence
         self._body[:] = content
         self._check[0] = zlib.crc32(content, (sequence + 1) & 0xFFFFFFFF)
@@ -158,29 +157,30 @@ class Slot(Generic[Values]):
 
     def read(self) -> Values:
         """The newest record; the one read before when a writer is at it for too long or was killed there."""
+        if self._sequence[0] != self._newest_sequence:
+            self._take_over()
+        return self._newest
+
+    def _take_over(self) -> None:
         for _ in range(ATTEMPTS):
-            if self._sequence[0] == self._newest_sequence:
-                break
             copy = self._memory.tobytes()
             sequence, check, *values = self._whole.unpack(copy)
-            if sequence & 1 or self._sequence[0] != sequence:
-                continue
-            if zlib.crc32(copy[_HEADER_BYTES:], sequence & 0xFFFFFFFF) == check:
-                self._newest, self._newest_sequence = self._make(self._decoded(values)), sequence
-                break
-        return self._newest
+            whole = zlib.crc32(copy[_HEADER_BYTES:], sequence & 0xFFFFFFFF) == check
+            if whole and not sequence & 1:
+                self._newest = self._make(values if self._text is None else self._decoded(values))
+                self._newest_sequence = sequence
+                return
 
     def _encoded(self, values: Values) -> Sequence[Any]:
         """A record may have one text, which is cut where it is too long."""
-        if self._text is None:
-            return values
+        assert self._text is not None
         text: str = values[self._text]
         encoded = text.encode(errors="replace")[:TEXT_BYTES]
         return *values[: self._text], encoded, *values[self._text + 1 :]
 
     def _decoded(self, values: list[Any]) -> list[Any]:
-        if self._text is not None:
-            values[self._text] = values[self._text].rstrip(b"\0").decode(errors="replace")
+        assert self._text is not None
+        values[self._text] = values[self._text].rstrip(b"\0").decode(errors="replace")
         return values
 
 
@@ -204,7 +204,8 @@ class Ring:
         self._length = length
         self._samples = np.frombuffer(self._cells, kind, length)
         fields = [kind[name] for name in kind.names or ()]
-        self._pack = struct.Struct("=" + "".join(f"{math.prod(f.shape)}{_CELLS[f.base.str[1:]]}" for f in fields))
+        cells = [f"{f.itemsize}s" if f.shape else _CELLS[f.str[1:]] for f in fields]
+        self._pack = struct.Struct("=" + "".join(cells))
         assert self._pack.size == kind.itemsize
 
     @property
@@ -212,11 +213,14 @@ class Ring:
         """How many samples were ever written."""
         return self._count[0]
 
-    def put(self, sample: tuple[float, ...]) -> None:
-        """Put one sample, its numbers in order, where the next one goes; it does not count yet."""
+    def put(self, sample: tuple[float | bytes, ...]) -> None:
+        """Put one sample where the next one goes, its fields in order; it does not count yet.
+
+        Arrays are given as bytes.
+        """
         self._pack.pack_into(self._cells, (self._count[0] % self._length) * self._pack.size, *sample)
 
-    def write(self, sample: tuple[float, ...]) -> None:
+    def write(self, sample: tuple[float | bytes, ...]) -> None:
         """Add one sample."""
         self.put(sample)
         self._count[0] += 1

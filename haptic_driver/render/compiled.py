@@ -15,6 +15,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.extending import register_jitable
 
 from haptic_driver.signals import Array
 
@@ -50,6 +51,12 @@ def kernel(function: F) -> F:
         config.CACHE_DIR = before
     _kernels.append(compiled)
     return cast(F, compiled)
+
+
+def either(function: F) -> F:
+    """`function` for kernels and for Python, where it runs as it is written."""
+    register_jitable(function)
+    return function
 
 
 def refuse_to_compile() -> None:

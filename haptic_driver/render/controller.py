@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from math import nan
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import typed
@@ -18,7 +17,7 @@ from numba import typed
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render import feedback
 from haptic_driver.render.choice import Choice
-from haptic_driver.render.compiled import kernel, laid_out
+from haptic_driver.render.compiled import either, kernel, laid_out
 from haptic_driver.render.correction import NO_CORRECTION, Correction, Factors, factors_at
 from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains, InForce
 from haptic_driver.render.policies import chosen_by
@@ -29,11 +28,12 @@ from haptic_driver.render.surface import (
     Place,
     Surface,
     at_voltage,
+    between,
     cof_at,
     crossing_v,
+    highest_cof,
     invert,
     invert_at,
-    limit_v,
     locate,
     place_of,
 )
@@ -81,10 +81,12 @@ class ControllerSettings:
 class Control(NamedTuple):
     """All that the compiled functions are told.
 
-    `caps` belong to the frequency that `choice` fixes, if it fixes one.
+    `highest` is `highest_cof` of the surface. `caps` belong to the frequency that `choice` fixes,
+    if it fixes one.
     """
 
     surface: Surface
+    highest: Array
     correction: Correction
     corrected: bool
     law: FeedbackSettings
@@ -104,13 +106,15 @@ class ControllerState(NamedTuple):
 
 INITIAL = ControllerState()
 Held = Sequence[Control]  # numba's list of one: to hand over so many fields at each call costs more than the call does
+Plain = tuple[Any, ...]  # the values of a record
 
 
 class Controller:
     """The stage with everything that depends on settings alone worked out once. Raises BadInputError.
 
-    Its `step`, `along`, `reachable` and `current_a` are the compiled functions of these names, told what they are to
-    hold on to, which is `held`.
+    Its methods are the compiled functions of these names, told what they are to hold on to, which
+    is `held`. They take and give records, which go in and out of compiled code as plain tuples:
+    numba takes five times as long to recognise a record.
     """
 
     def __init__(self, settings: ControllerSettings) -> None:
@@ -118,8 +122,10 @@ class Controller:
         correction, law = settings.correction, settings.feedback
         rank, *numbers = chosen_by(settings)
         choice = Choice(laid_out(rank), *map(float, numbers))
+        surface = Surface(*map(laid_out, settings.surface))
         control = Control(
-            surface=Surface(*map(laid_out, settings.surface)),
+            surface=surface,
+            highest=highest_cof(surface),
             correction=Correction(*map(laid_out, NO_CORRECTION if correction is None else correction)),
             corrected=correction is not None,
             law=FeedbackSettings(0.0) if law is None else feedback.checked(law),
@@ -128,15 +134,40 @@ class Controller:
             hysteresis=float(settings.hysteresis),
             caps=NO_CAPS if np.isnan(choice.fixed_hz) else settings.caps(choice.fixed_hz),
         )
-        held = hold(control)
-        self.step, self.along, self.reachable = partial(step, held), partial(along, held), partial(reachable, held)
-        self.current_a, self.held = partial(current_a, held), held
+        self.held = hold(control)
+
+    def step(
+        self,
+        state: ControllerState,
+        target: TargetFriction,
+        finger: FingerState,
+        applied: DriveCommand,
+    ) -> tuple[ControllerState, OperatingPoint]:
+        """See the compiled function."""
+        after, point = step(self.held, plain(state), target[:], finger[:], applied[:])
+        return recorded(after), OperatingPoint(*point)
+
+    def along(
+        self, known: Estimate, target_cof: Array, finger: FingerState, frequency_hz: float
+    ) -> tuple[Array, OperatingPoint]:
+        """See the compiled function."""
+        held, gains, cautious = self.held, known.gains[:], known.cautious
+        voltage_v, peak = along(held, gains, cautious, target_cof, finger[:], frequency_hz)
+        return voltage_v, OperatingPoint(*peak)
 
     def carried(
         self, before: Controller, state: ControllerState, speed_m_s: float, voltage_v: float
     ) -> ControllerState:
         """See the compiled function."""
-        return carried(self.held, before.held, state, speed_m_s, voltage_v)
+        return carried(self.held, before.held, plain(state), speed_m_s, voltage_v)
+
+    def reachable(self, normal_force_n: float) -> tuple[float, float]:
+        """See the compiled function."""
+        return reachable(self.held, normal_force_n)
+
+    def current_a(self, frequency_hz: float, voltage_v: float, normal_force_n: float) -> float:
+        """See the compiled function."""
+        return current_a(self.held, frequency_hz, voltage_v, normal_force_n)
 
     def __reduce__(self) -> tuple[type[Controller], tuple[ControllerSettings]]:
         """Another process works it out again: what numba holds cannot be sent."""
@@ -151,16 +182,47 @@ def hold(control: Control) -> Held:
     return held
 
 
+@either
+def plain(state: ControllerState) -> Plain:
+    """The values of a state and of the records in it."""
+    return state.frequency_hz, state.estimate.gains[:], state.estimate[1:], state.commands
+
+
+@either
+def recorded(state: Plain) -> ControllerState:
+    """The state whose values these are."""
+    frequency_hz, gains, known, commands = state
+    return ControllerState(frequency_hz, Estimate(Gains(*gains), *known), commands)
+
+
 @kernel
 def step(
-    held: Held, state: ControllerState, target: TargetFriction, finger: FingerState, applied: DriveCommand
+    held: Held,
+    state: Plain,
+    target: Plain,
+    finger: Plain,
+    applied: Plain,
+) -> tuple[Plain, Plain]:
+    """See `decided`, the values of whose records these are."""
+    asked, felt, command = TargetFriction(*target), FingerState(*finger), DriveCommand(*applied)
+    after, point = decided(held[0], recorded(state), asked, felt, command)
+    return plain(after), point[:]
+
+
+@kernel
+def decided(
+    control: Control,
+    state: ControllerState,
+    target: TargetFriction,
+    finger: FingerState,
+    applied: DriveCommand,
 ) -> tuple[ControllerState, OperatingPoint]:
     """The operating point for `target` under the finger's present load; zero volts where nothing is asked.
 
     A target out of reach gives the nearest reachable friction, flagged. `applied` is the command of the tick before,
     which feedback compares with what the finger felt; NaN volts where nobody knows whether it is out.
     """
-    control, known, commands = held[0], state.estimate, state.commands
+    known, commands = state.estimate, state.commands
     if control.learns:
         commands = feedback.remembered(commands, finger.time_s, applied)
         then = feedback.in_force(commands, finger.time_s - control.law.latency_s, control.law.timing_s)
@@ -188,13 +250,20 @@ def usual_hz(control: Control) -> float:
 
 
 @kernel
-def carried(held: Held, before: Held, state: ControllerState, speed_m_s: float, voltage_v: float) -> ControllerState:
+def carried(
+    held: Held,
+    before: Held,
+    values: Plain,
+    speed_m_s: float,
+    voltage_v: float,
+) -> ControllerState:
     """The state on another surface than `before`, with gains that leave the friction of the present drive as it was.
 
     So a swap moves no voltage. Both gains become the same: what they told apart is the new surface's to know, also at
     other carriers. With next to no voltage or without contact some usual ones are taken. Where nothing is learnt
     nothing is carried: the voltage goes to the new surface's by the drive's rate.
     """
+    state = recorded(values)
     if not held[0].learns:
         return state
     new, old, known, frequency_hz = held[0], before[0], state.estimate, state.frequency_hz
@@ -329,7 +398,7 @@ def best_node(control: Control, target_cof: float, normal_force_n: float) -> int
 
     Where none does, it is the allowed one with most authority.
     """
-    surface, choice = control.surface, control.choice
+    surface, choice, highest = control.surface, control.choice, control.highest
     j, b = locate(surface.log_normal_force, np.log(normal_force_n))
     strongest, most = -1, -1.0
     best, least_rank, least = -1, np.inf, np.inf
@@ -337,15 +406,14 @@ def best_node(control: Control, target_cof: float, normal_force_n: float) -> int
         rank = choice.rank[i]
         if np.isinf(rank):
             continue
-        place = Place(i, 0.0, j, b)
-        high = at_voltage(surface, surface.cof, place, limit_v(surface, place))
+        high = between(highest[i, j, 1], highest[i, j, 2], b) if b > 0.0 else highest[i, j, 0]
         if strongest < 0 or high > most:
             strongest, most = i, high
         if high < target_cof or rank > least_rank:
             continue
         burden = -high
         if has_cost(choice):
-            burden = cost(choice, invert_at(surface, target_cof, place, NO_CAPS))
+            burden = cost(choice, invert_at(surface, target_cof, Place(i, 0.0, j, b), NO_CAPS))
         if rank < least_rank or burden < least:
             best, least_rank, least = i, rank, burden
     return best if best >= 0 else strongest
@@ -371,14 +439,14 @@ def cost(choice: Choice, at: Inverse) -> float:
 
 @kernel
 def along(
-    held: Held, gains: Gains, cautious: bool, target_cof: Array, finger: FingerState, frequency_hz: float
-) -> tuple[Array, OperatingPoint]:
+    held: Held, gained: Plain, cautious: bool, target_cof: Array, felt: Plain, frequency_hz: float
+) -> tuple[Array, Plain]:
     """Voltages [n] for targets at points to come, at one frequency, 0 for NaN; and the operating point of the peak.
 
     The correction's factors are those of the highest target's drive. A target out of reach gives the nearest reachable
     friction.
     """
-    control = held[0]
+    control, gains, finger = held[0], Gains(*gained), FingerState(*felt)
     surface, caps, factors = control.surface, control.caps, Factors(1.0, 1.0)
     place = place_of(surface, frequency_hz, finger.normal_force_n)
     most = invert_at(surface, np.inf, place, caps)
@@ -398,7 +466,8 @@ def along(
         elif wanted > low:  # not for NaN
             voltage_v[m] = crossing_v(surface, surface.cof, place, wanted, most.voltage_v)
             peak_cof = max(peak_cof, wanted)
-    return voltage_v, as_felt(frequency_hz, invert_at(surface, peak_cof, place, caps), factors, gains, largest)
+    peak = as_felt(frequency_hz, invert_at(surface, peak_cof, place, caps), factors, gains, largest)
+    return voltage_v, peak[:]
 
 
 @kernel

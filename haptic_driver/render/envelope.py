@@ -10,9 +10,11 @@ it with `synthesise`, at the rate and pace of its own output.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
-from haptic_driver.render import safety
+from haptic_driver.render import drive, safety
 from haptic_driver.render.compiled import kernel
 from haptic_driver.render.tick import Tick, TickSettings, TickState
 from haptic_driver.signals import COURSE_POINTS, Array
@@ -30,14 +32,20 @@ def ahead(stages: TickSettings, after: TickState, done: Tick, tick_s: float) -> 
     finger = done.finger
     if not finger.in_contact or done.safe.rejection is not None:
         return after, ZERO
-    cof = stages.texture.cof_along(finger, tick_s * _SHARES)
+    cof = stages.texture.cof_along(finger, _moments_s(tick_s))
     known, carrier_hz = after.controller.estimate, done.wanted.frequency_hz
-    voltage_v, peak = stages.controller.along(known.gains, known.cautious, cof, finger, carrier_hz)
+    voltage_v, peak = stages.controller.along(known, cof, finger, carrier_hz)
     guard, refused = safety.gate_envelope(stages.limits, after.safety, peak, voltage_v)
     if refused:
         return after._replace(safety=guard), ZERO
     # The next tick's rise begins where this way ends.
-    return after._replace(drive=after.drive._replace(voltage_v=voltage_v.item(-1))), voltage_v * voltage_v
+    driven = drive.DriveState(after.drive.time_s, voltage_v.item(-1))
+    return after._replace(drive=driven), voltage_v * voltage_v
+
+
+@cache
+def _moments_s(tick_s: float) -> Array:
+    return tick_s * _SHARES
 
 
 def straight(begin_v2: float, end_v2: float) -> Array:

@@ -83,64 +83,49 @@ def track(settings: FingerSettings, state: FingerTracking, sample: FingerSample)
     A sample that is not finite or goes back in time is no contact, with position NaN and force zero; the next good one
     starts a new touch. A repeated time leaves the velocity as it was: the stage cannot see that a tracker stands still.
     """
-    now_s = sample.now_s if math.isfinite(sample.now_s) else sample.time_s
-    if not _is_finite(sample):
+    time_s, x_m, y_m, force_n, lateral_n, now_s = sample
+    if not math.isfinite(now_s):
+        now_s = time_s
+    if not math.isfinite(time_s + x_m + y_m + force_n):  # each of them, then
         return _lost(state.time_s, now_s)
-    if sample.time_s < state.time_s:
-        return _lost(sample.time_s, now_s)
-    if sample.normal_force_n < (settings.contact_off_n if state.in_contact else settings.contact_on_n):
-        return INITIAL._replace(time_s=sample.time_s), _as_seen(sample, now_s)
+    if time_s < state.time_s:
+        return _lost(time_s, now_s)
+    if force_n < (settings.contact_off_n if state.in_contact else settings.contact_on_n):
+        return _untouched(time_s), FingerState(now_s, x_m, y_m, 0.0, 0.0, force_n, in_contact=False)
     if not state.in_contact:
-        return _touched(sample), _as_seen(sample, now_s)._replace(in_contact=True)
+        touched = FingerTracking(time_s, time_s, x_m, y_m, 0.0, 0.0, 0.0, in_contact=True)
+        return touched, FingerState(now_s, x_m, y_m, 0.0, 0.0, force_n, in_contact=True)
 
     state = _follow(settings, state, sample)
     vx_m_s, vy_m_s = state.velocity_x_m_s, state.velocity_y_m_s
-    age_s = min(max(now_s - sample.time_s, 0.0), settings.longest_age_s)
+    age_s = min(max(now_s - time_s, 0.0), settings.longest_age_s)
     ahead_s = age_s + settings.output_latency_s
-    x_m = sample.position_x_m + vx_m_s * ahead_s
-    y_m = sample.position_y_m + vy_m_s * ahead_s
+    x_m += vx_m_s * ahead_s
+    y_m += vy_m_s * ahead_s
     if not (math.isfinite(x_m) and math.isfinite(y_m)):
-        return _lost(sample.time_s, now_s)
-    force_n, lateral_n = sample.normal_force_n, sample.lateral_force_n
+        return _lost(time_s, now_s)
     return state, FingerState(now_s, x_m, y_m, vx_m_s, vy_m_s, force_n, True, lateral_n)
 
 
 def _follow(settings: FingerSettings, state: FingerTracking, sample: FingerSample) -> FingerTracking:
     """The velocity, smoothed exponentially over whatever intervals the samples come in."""
-    interval_s = sample.time_s - state.anchor_time_s
+    time_s, x_m, y_m, *_ = sample
+    _, anchor_time_s, anchor_x_m, anchor_y_m, vx_m_s, vy_m_s, weight, _ = state
+    interval_s = time_s - anchor_time_s
     if interval_s < SHORTEST_INTERVAL * settings.velocity_time_constant_s:
-        return state._replace(time_s=sample.time_s)
+        return state._replace(time_s=time_s)
     share = -math.expm1(-interval_s / settings.velocity_time_constant_s)
-    weight = state.weight + share * (1.0 - state.weight)
+    weight += share * (1.0 - weight)
     gain = share / weight
-    time_s, x_m, y_m = sample.time_s, sample.position_x_m, sample.position_y_m
-    vx_m_s, vy_m_s = state.velocity_x_m_s, state.velocity_y_m_s
-    vx_m_s += gain * ((x_m - state.anchor_x_m) / interval_s - vx_m_s)
-    vy_m_s += gain * ((y_m - state.anchor_y_m) / interval_s - vy_m_s)
+    vx_m_s += gain * ((x_m - anchor_x_m) / interval_s - vx_m_s)
+    vy_m_s += gain * ((y_m - anchor_y_m) / interval_s - vy_m_s)
     return FingerTracking(time_s, time_s, x_m, y_m, vx_m_s, vy_m_s, weight, True)
 
 
-def _touched(sample: FingerSample) -> FingerTracking:
-    return FingerTracking(
-        sample.time_s, sample.time_s, sample.position_x_m, sample.position_y_m, 0.0, 0.0, 0.0, in_contact=True
-    )
-
-
-def _as_seen(sample: FingerSample, now_s: float) -> FingerState:
-    """The sample itself: no contact, no velocity."""
-    x_m, y_m = sample.position_x_m, sample.position_y_m
-    return FingerState(now_s, x_m, y_m, 0.0, 0.0, sample.normal_force_n, in_contact=False)
+def _untouched(time_s: float) -> FingerTracking:
+    return INITIAL._replace(time_s=time_s)
 
 
 def _lost(time_s: float, now_s: float) -> tuple[FingerTracking, FingerState]:
     nowhere = FingerState(now_s, math.nan, math.nan, 0.0, 0.0, 0.0, in_contact=False)
-    return INITIAL._replace(time_s=time_s), nowhere
-
-
-def _is_finite(sample: FingerSample) -> bool:
-    return (
-        math.isfinite(sample.time_s)
-        and math.isfinite(sample.position_x_m)
-        and math.isfinite(sample.position_y_m)
-        and math.isfinite(sample.normal_force_n)
-    )
+    return _untouched(time_s), nowhere

@@ -11,11 +11,9 @@ from math import exp, isfinite, log, pi, sqrt
 from operator import itemgetter
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from haptic_driver.limits import OperatingLimits
-from haptic_driver.signals import OperatingPoint, SafeOperatingPoint
+from haptic_driver.render.compiled import kernel
+from haptic_driver.signals import Array, OperatingPoint, SafeOperatingPoint
 
 _FREQUENCY = itemgetter(0)  # of a point of the limit curve
 
@@ -68,7 +66,7 @@ def violation(limits: OperatingLimits, point: OperatingPoint) -> str | None:  # 
 
 
 def gate_envelope(
-    limits: OperatingLimits, state: SafetyState, peak: OperatingPoint, voltage_v: NDArray[np.float64]
+    limits: OperatingLimits, state: SafetyState, peak: OperatingPoint, voltage_v: Array
 ) -> tuple[SafetyState, bool]:
     """Whether peak voltages [n] are refused, as a whole: for their highest, or for one that is beyond it.
 
@@ -76,11 +74,21 @@ def gate_envelope(
     """
     reason = violation(limits, peak)
     if reason is None:
-        outside = [i for i, v in enumerate(voltage_v.tolist()) if not 0.0 <= v <= peak.voltage_v]  # NaN is
-        if not outside:
+        beyond = first_beyond(voltage_v, peak.voltage_v)
+        if beyond < 0:
             return state, False
-        reason = f"point {outside[0]} of the envelope, {voltage_v[outside[0]]:g} V, is outside 0..{peak.voltage_v:g} V"
+        said = f"point {beyond} of the envelope, {voltage_v[beyond]:g} V"
+        reason = f"{said}, is outside 0..{peak.voltage_v:g} V"
     return SafetyState(state.rejections + 1, reason), True
+
+
+@kernel
+def first_beyond(voltage_v: Array, most_v: float) -> int:
+    """The first of voltages [n] that is not within 0..`most_v`, as NaN is not; -1 for none."""
+    for i in range(voltage_v.size):
+        if not 0.0 <= voltage_v[i] <= most_v:
+            return i
+    return -1
 
 
 def contact_current_limit_a_rms(limits: OperatingLimits, frequency_hz: float) -> float:

@@ -99,6 +99,27 @@ def highest_v(surface: Surface, place: Place, caps: Caps) -> float:
 
 
 @kernel
+def highest_cof(surface: Surface) -> Array:
+    """Friction at the limit of voltage, for each frequency and load, [f, n, 3].
+
+    At the load itself, and at both ends of the cell between it and the next. In the cell the lower
+    of both limits holds, so that friction goes straight from end to end.
+    """
+    limit_v = surface.voltage_limit_v
+    frequencies, loads = limit_v.shape
+    highest = np.empty((frequencies, loads, 3))
+    for i in range(frequencies):
+        for j in range(loads):
+            k = min(j + 1, loads - 1)
+            here, there = Place(i, 0.0, j, 0.0), Place(i, 0.0, k, 0.0)
+            within_v = min(limit_v[i, j], limit_v[i, k])
+            highest[i, j, 0] = at_voltage(surface, surface.cof, here, limit_v[i, j])
+            highest[i, j, 1] = at_voltage(surface, surface.cof, here, within_v)
+            highest[i, j, 2] = at_voltage(surface, surface.cof, there, within_v)
+    return highest
+
+
+@kernel
 def limit_v(surface: Surface, place: Place) -> float:
     """The least limit of the nodes around: between an allowed and a forbidden node nothing is allowed."""
     i, a, j, b = place

@@ -11,7 +11,10 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, NamedTuple, overload
+from functools import cache
+from importlib import import_module
+from types import ModuleType
+from typing import Any, Literal, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,8 +71,10 @@ class Texture(Target):
         """Friction where the finger will be."""
         x_m = finger.position_x_m + finger.velocity_x_m_s * ahead_s
         y_m = finger.position_y_m + finger.velocity_y_m_s * ahead_s
-        ends_m = (x_m.item(0), x_m.item(-1), y_m.item(0), y_m.item(-1))
-        if all(abs(end_m) < FARTHEST_M for end_m in ends_m):  # and so all between them; not for NaN
+        last_s = ahead_s.item(-1)
+        farthest_x_m = abs(finger.position_x_m) + abs(finger.velocity_x_m_s) * last_s
+        farthest_y_m = abs(finger.position_y_m) + abs(finger.velocity_y_m_s) * last_s
+        if farthest_x_m < FARTHEST_M and farthest_y_m < FARTHEST_M:  # not for NaN
             return self._cof_at_points(x_m, y_m)
         return self.cof_at(x_m, y_m)
 
@@ -222,12 +227,9 @@ class Profile(Texture):
         return _between(self.cof[left], self.cof[right], share)
 
     def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-        if self.outside == "tile":
-            first_m, last_m = self.position_m[0], self.position_m[-1]
-            wrapped_m = np.minimum(first_m + np.mod(x_m - first_m, last_m - first_m), last_m)
-            x_m = np.where((x_m < first_m) | (x_m > last_m), wrapped_m, x_m)
-        beyond = math.nan if self.outside == "nothing" else None
-        return np.interp(x_m, *self._points, left=beyond, right=beyond)
+        tile, ends = self.outside == "tile", self.outside == "nothing"
+        cof: FloatArray = _lookup().profile_at_points(*self._points, x_m.ravel(), tile, ends)
+        return cof.reshape(x_m.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,13 +276,9 @@ class Waves(Texture):
 
     def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
         along_m = x_m * math.cos(self.direction_rad) + y_m * math.sin(self.direction_rad)
-        left, right, share = _neighbours_of_all(along_m / self.detail_m, self.cof.shape[2], tile=True)
-        cof = np.zeros(along_m.shape)
-        for speed, of_speed in _around(self.usual[0], self.speed_m_s):
-            for load, of_load in _around(self.usual[1], self.normal_force_n):
-                waves = self.cof[speed, load]
-                cof += of_speed * of_load * (waves[left] + share * (waves[right] - waves[left]))
-        return cof
+        along, nodes = along_m.ravel() / self.detail_m, (self.speed_m_s, self.normal_force_n)
+        cof: FloatArray = _lookup().waves_at_points(self.cof, *nodes, self.usual, along)
+        return cof.reshape(x_m.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,6 +304,13 @@ class FrictionMap(Texture):
         if not np.all(np.isfinite(cof)):
             raise BadInputError("bad_texture", "a map has a friction that is not finite", "give numbers only")
         _require_length(pitch_x_m=self.pitch_x_m, pitch_y_m=self.pitch_y_m)
+        object.__setattr__(self, "pitch_x_m", float(self.pitch_x_m))
+        object.__setattr__(self, "pitch_y_m", float(self.pitch_y_m))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Nobody can change what comes out of a pickle either."""
+        self.__dict__.update(state)
+        self.cof.setflags(write=False)
 
     def bounds(self) -> tuple[float, float]:
         """The lowest and the highest pixel."""
@@ -317,33 +322,18 @@ class FrictionMap(Texture):
         return min(self.pitch_x_m, self.pitch_y_m)
 
     def _cof_at_point(self, x_m: float, y_m: float) -> float:
-        rows, columns = self.cof.shape
-        u, v = x_m / self.pitch_x_m, y_m / self.pitch_y_m
-        if self.outside == "nothing" and not (0.0 <= u <= columns and 0.0 <= v <= rows):
-            return math.nan
-        tile = self.outside == "tile"
-        left, right, share_x = _neighbours(u - 0.5, columns, tile)
-        low, high, share_y = _neighbours(v - 0.5, rows, tile)
-        pixel = self.cof.item
-        return _between(
-            _between(pixel(low, left), pixel(low, right), share_x),
-            _between(pixel(high, left), pixel(high, right), share_x),
-            share_y,
-        )
+        cof: float = _lookup().picture_at(self.cof, x_m, y_m, *self._laid)
+        return cof
 
     def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-        rows, columns = self.cof.shape
-        u, v = x_m / self.pitch_x_m, y_m / self.pitch_y_m
-        tile = self.outside == "tile"
-        left, right, share_x = _neighbours_of_all(u - 0.5, columns, tile)
-        low, high, share_y = _neighbours_of_all(v - 0.5, rows, tile)
-        at_low = self.cof[low, left] + share_x * (self.cof[low, right] - self.cof[low, left])
-        at_high = self.cof[high, left] + share_x * (self.cof[high, right] - self.cof[high, left])
-        cof: FloatArray = at_low + share_y * (at_high - at_low)
-        if self.outside != "nothing":
-            return cof
-        inside = (u >= 0.0) & (u <= columns) & (v >= 0.0) & (v <= rows)
-        return np.where(inside, cof, math.nan)
+        places = x_m.ravel(), y_m.ravel()
+        cof: FloatArray = _lookup().picture_at_points(self.cof, *places, *self._laid)
+        return cof.reshape(x_m.shape)
+
+    @property
+    def _laid(self) -> tuple[float, float, bool, bool]:
+        """Pitches, and whether it begins again or ends beyond."""
+        return self.pitch_x_m, self.pitch_y_m, self.outside == "tile", self.outside == "nothing"
 
 
 @dataclass(frozen=True)
@@ -471,37 +461,14 @@ class Script(Target):
         return tuple(Marker(self.start_s + s.time_s, s.label) for s in self.steps[first:stop] if s.label)
 
 
+@cache
+def _lookup() -> ModuleType:
+    """Its functions are compiled: who lists textures does not wait for that."""
+    return import_module("haptic_driver.render.lookup")
+
+
 def _between(first: float, second: float, share: float) -> float:
     return first + share * (second - first)
-
-
-def _around(value: float, nodes: FloatArray) -> list[tuple[int, float]]:
-    """The nodes next to a value, each with its part; the first or the last alone beyond them."""
-    index, following, share = _neighbours(float(np.interp(value, nodes, np.arange(nodes.size))), nodes.size, tile=False)
-    return [(index, 1.0 - share), (following, share)] if share else [(index, 1.0)]
-
-
-def _neighbours(pixels: float, count: int, tile: bool) -> tuple[int, int, float]:
-    """The two pixels around a distance in pixels from the first centre, and how far it is towards the second."""
-    if tile:
-        pixels %= count
-        index = min(int(pixels), count - 1)  # -1e-20 % 96 is 96.0
-        return index, (index + 1) % count, pixels - index
-    pixels = min(max(pixels, 0.0), count - 1.0)
-    index = int(pixels)
-    return index, min(index + 1, count - 1), pixels - index
-
-
-def _neighbours_of_all(
-    pixels: FloatArray, count: int, tile: bool
-) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]:
-    if tile:
-        pixels = np.mod(pixels, count)
-        index = np.minimum(pixels.astype(np.intp), count - 1)
-        return index, (index + 1) % count, pixels - index
-    pixels = np.clip(pixels, 0.0, count - 1.0)
-    index = pixels.astype(np.intp)
-    return index, np.minimum(index + 1, count - 1), pixels - index
 
 
 def _require_finite(**values: float) -> None:

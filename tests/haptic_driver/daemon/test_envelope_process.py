@@ -46,7 +46,7 @@ class Bench:
             self.shared.driven.write(Driven(self.gate, 0.0, 250.0, 150.0))
             said = NO_OUTPUT._replace(order=order, time_s=now_s, frequency_hz=250.0, voltage_v=voltage_v)
             self.shared.output.write(said)
-            self.shared.courses.write((order, *[voltage_v**2] * COURSE_POINTS))
+            self.shared.courses.write((order, np.full(COURSE_POINTS, voltage_v**2).tobytes()))
             if writes:
                 self.loop.turn(now_s, late_s)
 

@@ -352,10 +352,12 @@ def envelope_settings(surface_file):
 
 AFTER_WARMING_UP = """
 import pickle, sys
+import numpy as np
 from haptic_driver.daemon.render_process import Renderer
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.render import compiled
-from tests.haptic_driver.daemon.test_render_process import story
+from haptic_driver.render.texture import FrictionMap, Placed, Profile, Waves
+from tests.haptic_driver.daemon.test_render_process import Bench, story
 
 def forms():
     return [len(kernel.signatures) for kernel in compiled._kernels]
@@ -365,6 +367,16 @@ Renderer(settings, SharedState()).warm_up()
 compiled.refuse_to_compile()
 before = forms()
 story(settings, 1)
+cof = np.full((2, 3, 50), 0.65)
+bench = Bench(settings)
+for texture in (
+    FrictionMap(cof[0], 1e-3, 1e-3, "clamp"),
+    Placed(FrictionMap(cof[0], 1e-3, 1e-3, "tile"), 0.01, 0.0, 0.3),
+    Profile((0.0, 0.01, 0.02), (0.65, 0.7, 0.65), "tile"),
+    Waves(cof, np.array([0.01, 0.1]), np.array([0.2, 0.5, 1.0]), 0.02, 0.1, (0.05, 0.5)),
+):
+    bench.render(texture=texture)
+    assert bench.run(0.05)[-1].output_on
 assert forms() == before, "a kernel that warming up did not call"
 """
 

@@ -29,7 +29,7 @@ from haptic_driver.render.correction import NO_CORRECTION, Factors
 from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains
 from haptic_driver.render.policies import POLICIES
 from haptic_driver.render.safety import violation
-from haptic_driver.render.surface import NO_CAPS, Inverse, cof_at
+from haptic_driver.render.surface import NO_CAPS, Inverse, cof_at, highest_cof
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
 from haptic_driver.surface.file import ready_for_lookup
 from model.conditions import Conditions
@@ -62,7 +62,7 @@ def controllers(surface):
 
 
 @pytest.mark.parametrize(("policy", "lowest_hz"), [("max_authority", 100.0), ("carrier", 10e3)])
-@pytest.mark.parametrize("force", [0.13, 0.5, 1.7])
+@pytest.mark.parametrize("force", [0.02, 0.13, 0.5, 1.7, 9.0])
 def test_most_authority_is_that_of_trying_all(controllers, brute_force, grid, policy, lowest_hz, force):
     _, point = ask(controllers[policy], 0.513, force)
     high = np.where(grid.frequency_hz >= lowest_hz, brute_force(force, 0.513).cof_high, 0.0)
@@ -87,8 +87,8 @@ def test_least_volts_and_least_current_are_those_of_trying_all(
 
 def by(surface, choice):
     """A control that knows no finger, and chooses so."""
-    law = FeedbackSettings(0.0)
-    return Control(surface, NO_CORRECTION, False, law, False, choice, 0.05, NO_CAPS)
+    law, highest = FeedbackSettings(0.0), highest_cof(surface)
+    return Control(surface, highest, NO_CORRECTION, False, law, False, choice, 0.05, NO_CAPS)
 
 
 def some_ranks(rng):

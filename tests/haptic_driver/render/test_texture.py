@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -244,8 +245,9 @@ def test_map_keeps_a_copy_that_nobody_can_change():
     picture = FrictionMap(values, 1e-3, 1e-3)
     values[:] = 9.0
     assert picture.cof_at(1e-3, 1e-3) == 0.6
-    with pytest.raises(ValueError, match="read-only"):
-        picture.cof[0, 0] = 9.0
+    for kept in (picture, pickle.loads(pickle.dumps(picture))):
+        with pytest.raises(ValueError, match="read-only"):
+            kept.cof[0, 0] = 9.0
 
 
 @pytest.mark.parametrize(
