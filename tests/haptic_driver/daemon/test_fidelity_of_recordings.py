@@ -25,9 +25,6 @@ ENOUGH_S = 4.0  # of sliding
 AGREES = 0.01
 TICKS = 11  # of an average over 10 ms, centred
 RIGS = ["simulated-envelope", "simulated"]
-# Set points that a busy machine sends late are felt later than the rig's file says, which the
-# best lag makes good and the status does not.
-QUIET_RIGS = ["simulated-envelope", pytest.param("simulated", marks=pytest.mark.soak)]
 
 
 class Recorded(NamedTuple):
@@ -107,8 +104,10 @@ def _share(ticks, asked):
     return np.mean(good)
 
 
-def _later(asked, ticks):
-    return np.concatenate([np.full(ticks, np.nan), asked[: asked.size - ticks]])
+def _asked(ticks, lag_s):
+    """What was asked for a moment so long before forces were read, by the times in the file."""
+    felt_s = ticks["felt_time_s"] - lag_s
+    return np.interp(felt_s, ticks["asked_time_s"], ticks["asked_cof"], left=np.nan, right=np.nan)
 
 
 def _correlation(ticks, asked):
@@ -116,13 +115,14 @@ def _correlation(ticks, asked):
     return np.corrcoef(asked[both], ticks["measured_cof"][both])[0, 1]
 
 
-@pytest.mark.parametrize("rig", QUIET_RIGS)
+@pytest.mark.soak
+@pytest.mark.parametrize("rig", RIGS)
 def test_the_share_within_5_percent_is_that_of_the_recording_at_its_best_lag(recorded, rig):
+    """On a machine that is not busy: late set points are felt later than the rig's file says."""
     said, ticks = recorded(rig)
-    asked = [_later(ticks["asked_cof"], lag) for lag in range(100)]
-    best = max(range(100), key=lambda lag: _correlation(ticks, asked[lag]))
-    share = _share(ticks, asked[best])
-    assert _share(ticks, ticks["asked_cof"]) < share - 3.0 * AGREES  # without any lag
+    lags_s = np.arange(-0.030, 0.031, 0.001)
+    best_s = max(lags_s, key=lambda lag_s: _correlation(ticks, _asked(ticks, lag_s)))
+    share = _share(ticks, _asked(ticks, best_s))
     assert said.share_within_5_percent == pytest.approx(share, abs=AGREES)
     assert felt(ticks).within_5_percent == pytest.approx(share, abs=AGREES)
 
@@ -131,9 +131,8 @@ def test_the_share_within_5_percent_is_that_of_the_recording_at_its_best_lag(rec
 def test_it_is_that_of_the_recording_by_the_times_that_stand_there(recorded, rig):
     """However late the machine was: when what was asked acts, and when forces were read."""
     said, ticks = recorded(rig)
-    at_s = ticks["asked_time_s"]
-    asked = np.interp(ticks["felt_time_s"], at_s, ticks["asked_cof"], left=np.nan, right=np.nan)
-    share = _share(ticks, asked)
+    share = _share(ticks, _asked(ticks, 0.0))
+    assert _share(ticks, ticks["asked_cof"]) < share - 3.0 * AGREES  # it is not aligned there
     assert said.share_within_5_percent == pytest.approx(share, abs=AGREES)
     assert felt(ticks).within_5_percent == pytest.approx(share, abs=AGREES)
     assert said.sliding_time_s > ENOUGH_S
