@@ -12,6 +12,13 @@ from haptic_driver.signals import Array
 
 
 @kernel
+def places_ahead(finger: tuple[float, float, float, float], ahead_s: Array) -> tuple[Array, Array]:
+    """Where a finger will be, by its position and velocity along x and y."""
+    x_m, y_m, vx_m_s, vy_m_s = finger
+    return x_m + vx_m_s * ahead_s, y_m + vy_m_s * ahead_s
+
+
+@kernel
 def picture_at_points(
     picture: Array,
     x_m: Array,

@@ -69,14 +69,13 @@ class Texture(Target):
 
     def cof_along(self, finger: FingerState, ahead_s: FloatArray) -> FloatArray:
         """Friction where the finger will be."""
-        x_m = finger.position_x_m + finger.velocity_x_m_s * ahead_s
-        y_m = finger.position_y_m + finger.velocity_y_m_s * ahead_s
+        places: tuple[FloatArray, FloatArray] = _lookup().places_ahead(finger[1:5], ahead_s)
         last_s = ahead_s.item(-1)
         farthest_x_m = abs(finger.position_x_m) + abs(finger.velocity_x_m_s) * last_s
         farthest_y_m = abs(finger.position_y_m) + abs(finger.velocity_y_m_s) * last_s
         if farthest_x_m < FARTHEST_M and farthest_y_m < FARTHEST_M:  # not for NaN
-            return self._cof_at_points(x_m, y_m)
-        return self.cof_at(x_m, y_m)
+            return self._cof_at_points(*places)
+        return self.cof_at(*places)
 
     @overload
     def cof_at(self, x_m: float, y_m: float) -> float: ...
