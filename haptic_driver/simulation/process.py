@@ -44,6 +44,8 @@ from hw.transport.running import RunningTogether
 from model.touch_model import TouchModel
 
 STEP_S = 0.001
+PARTS = 2  # of a step: what an envelope does within it is felt at its end
+ROUNDING = 1e-3  # of a step
 MOST_STEPS = 50  # at once; a machine that is slower than the simulation would never catch up
 LINGER_S = 2.0
 FINGER_Y_M = 0.030
@@ -105,10 +107,10 @@ class SlidingFinger(RunningTogether):
         instrument is answered for the present, and not for when this process last had its turn.
         """
         with self._stepping:
-            missed_s = time.monotonic() - self.instruments.time_s
-            steps = min(int(missed_s / STEP_S), MOST_STEPS)
+            missed = int((time.monotonic() - self.instruments.time_s) / STEP_S + ROUNDING)
+            steps = min(missed, MOST_STEPS)
             for _ in range(steps):
-                self._move(int(missed_s / STEP_S) * STEP_S / steps)
+                self._move(missed * STEP_S / steps)
             if steps:
                 self._touch_server.pump()
                 self.instruments.force_box.emit(1)
@@ -120,7 +122,8 @@ class SlidingFinger(RunningTogether):
         slide = self._slide
         place = round((self.instruments.time_s + dt_s - self._began_s) / TICK_S) % slide.time_s.size
         force_n, x_m = float(slide.normal_force_n[place]), float(slide.position_m[place])
-        self.instruments.step(dt_s, force_n, float(self._speed_m_s[place]))
+        for _ in range(PARTS):
+            self.instruments.step(dt_s / PARTS, force_n, float(self._speed_m_s[place]))
         if force_n >= TOUCH_N:
             self._screen.put(x_m, FINGER_Y_M)
         else:
@@ -226,7 +229,7 @@ def main() -> None:
     with SlidingFinger(config, friction, slide, given.record, electrode) as served:
         parent.tell({"endpoints": served.endpoints})
         threading.Thread(target=_linger, args=(ended,), daemon=True).start()
-        metronome = Metronome(STEP_S, began_s=served.instruments.time_s + STEP_S / 2)
+        metronome = Metronome(STEP_S, began_s=served.instruments.time_s)
         while not ended.is_set():
             metronome.wait()
             served.catch_up()

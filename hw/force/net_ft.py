@@ -27,6 +27,9 @@ RECORD = struct.Struct(">IIIiiiiii")
 HEADER = 0x1234
 
 _SEQUENCE_MODULUS = 1 << 32
+_TIMESTAMP = 35  # SO_TIMESTAMPNS of Linux
+_TIMESPEC = struct.Struct("@ll")
+_TOLD_BYTES = 64  # beside a record
 _STOP_ATTEMPTS = 3
 _QUIET_S = 0.02  # without a record for so long, the stream counts as stopped
 _BACKLOG_RECORDS = 4096  # taken per look at most; far more than a socket's buffer holds
@@ -119,6 +122,8 @@ class NetFt:
             self._address = self._resolve()
             self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             self._socket.setblocking(False)
+            with suppress(OSError):  # not everywhere
+                self._socket.setsockopt(socket.SOL_SOCKET, _TIMESTAMP, 1)
             self.counters, self._newest, self._sequences = RdtCounters(), None, None
             self._looked_s = self._clock()
             try:
@@ -231,7 +236,7 @@ class NetFt:
         believed = self._clock() - self._looked_s <= self._settings.timeout_s
         for _ in range(_BACKLOG_RECORDS):
             try:
-                data, source = connection.recvfrom(RECORD.size + 1)
+                data, told, _, source = connection.recvmsg(RECORD.size + 1, _TOLD_BYTES)
             except BlockingIOError:
                 break
             except OSError:  # a port unreachable from an earlier request; silence will tell
@@ -241,10 +246,20 @@ class NetFt:
             elif len(data) != RECORD.size:
                 self.counters.wrong_length += 1
             else:
-                self._take(data, believed)
+                self._take(data, believed, self._arrived_s(told))
         self._looked_s = self._clock()
 
-    def _take(self, data: bytes, believed: bool) -> None:
+    def _arrived_s(self, told: list[tuple[int, int, bytes]]) -> float:
+        """When the kernel took a record in, which may be long before anybody looks; now where it does not say."""
+        now_s = self._clock()
+        for level, kind, content in told:
+            if (level, kind) == (socket.SOL_SOCKET, _TIMESTAMP) and len(content) >= _TIMESPEC.size:
+                seconds, nanoseconds = _TIMESPEC.unpack_from(content)
+                age_s = 1e-9 * (time.time_ns() - (seconds * 1_000_000_000 + nanoseconds))
+                return now_s - age_s if 0.0 <= age_s <= self._settings.timeout_s else now_s
+        return now_s
+
+    def _take(self, data: bytes, believed: bool, arrived_s: float) -> None:
         rdt_sequence, f_t_sequence, status, *counts = RECORD.unpack(data)
         if not self._advances(rdt_sequence, f_t_sequence):
             return
@@ -255,7 +270,7 @@ class NetFt:
         fx, fy, fz = (count / scale.counts_per_n for count in counts[:3])
         tx, ty, tz = (count / scale.counts_per_n_m for count in counts[3:])
         faulty = status & ~self._settings.ignored_status != 0
-        self._newest = Wrench(self._clock(), (fx, fy, fz), (tx, ty, tz), faulty) if believed else None
+        self._newest = Wrench(arrived_s, (fx, fy, fz), (tx, ty, tz), faulty) if believed else None
 
     def _advances(self, rdt_sequence: int, f_t_sequence: int) -> bool:
         """Count what is wrong with the record's place in the stream; False when it is no news."""

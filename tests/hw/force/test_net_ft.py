@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import socket
 import struct
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -295,3 +296,17 @@ def test_impossible_settings_are_refused(bad: dict[str, Any]) -> None:
     good = {"host": "127.0.0.1", "scale": NetFtScale(1.0, 1.0), "axes": ForceAxes("z", "x")}
     with pytest.raises(ValueError, match="must be > 0"):
         NetFtSettings(**(good | bad))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel's times of arrival are Linux's")
+def test_a_record_has_the_time_at_which_it_came_and_not_at_which_somebody_looked() -> None:
+    """A busy computer looks late; what it then takes for now would be felt later than it was."""
+    with FaultyNetFt(lambda: LOAD, rate_hz=None) as box:
+        device = client_of(box.port)
+        device.open()
+        before_s = time.monotonic()
+        box.emit(1)
+        after_s = time.monotonic()
+        time.sleep(0.1)
+        assert before_s - 0.01 <= device.read().time_s <= after_s + 0.05  # the thread that sends is this one
+        device.close()
