@@ -86,6 +86,9 @@ def picture(history: Sequence[StateFrame]) -> Table:
     late = "-" if ticks.lateness_max_s is None else f"{1e6 * ticks.lateness_max_s:.0f} us"
     table.add_row("ticks", f"{status.ticks}, {status.overruns} overruns, latest {late} late")
     table.add_row("flags", ", ".join(status.flags) or "none")
+    if status.fidelity is not None:
+        table.add_row("fidelity", status.fidelity.said[0])
+    table.add_row("latency", status.latency_said())
     for line in agreement_lines(status):
         table.add_row("", line)
     return table

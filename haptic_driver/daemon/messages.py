@@ -155,9 +155,7 @@ class Status(Checked):
         if self.fidelity is not None:
             lines.append(self.fidelity.said[0])
         if self.latency_measured_s is not None:
-            measured_ms = f"{1e3 * self.latency_measured_s:.1f} ms measured"
-            budget_ms = f"{1e3 * self.latency_budget_s['total']:.1f} ms by the rig's file"
-            lines.append(f"latency {measured_ms}, {budget_ms}")
+            lines.append(f"latency {self.latency_said()}")
         if self.timing.last_cause is not None:
             lines.append(f"{number(self.timing.in_time, '.0%')} of the last ticks in time; {self.timing.last_cause}")
         said = {"lease held by": self.lease_holder, "fault:": self.fault, "recording into": self.recording}
@@ -165,6 +163,13 @@ class Status(Checked):
         return "\n  ".join([*lines, *(f"{what} {it}" for what, it in said.items() if it is not None)])
 
     __repr__ = __str__  # what a notebook shows
+
+    def latency_said(self) -> str:
+        """The latency as measured, where that is known, beside the rig's file."""
+        budget = f"{1e3 * self.latency_budget_s['total']:.1f} ms by the rig's file"
+        if self.latency_measured_s is None:
+            return f"{budget}; not measured: {self.latency_why}"
+        return f"{1e3 * self.latency_measured_s:.1f} ms measured, {budget}"
 
 
 class Lease(Checked):

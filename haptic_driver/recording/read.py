@@ -2,7 +2,9 @@
 
 `/run_0001`, `/run_0002`, ... each hold
 - `samples/NAME`: one dataset per field of `processes.samples.SAMPLE`, one entry per tick; units are in the names, and
-  positions are there raw (`position_x_m`) and extrapolated to output time (`output_x_m`);
+  positions are there raw (`position_x_m`) and extrapolated to output time (`output_x_m`).
+  `target_cof`, `reachable` and `expected_cof` belong to `measured_cof` beside them, of the moment
+  that was felt at `felt_time_s`;
 - `events/NAME`: one dataset per field of `recording.event.Event`, `data` as JSON;
 - `config`: the rig's full resolved configuration, JSON;
 - attributes, all strings or floats (MATLAB's h5readatt fails on integers): `rig`, `model`, `simulated` (1 or 0),

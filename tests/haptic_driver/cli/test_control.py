@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from haptic_driver.daemon.messages import AgreementCell, DaemonState, RefusedError
+from tests.haptic_driver.daemon.bench_control import FIDELITY
 from tests.waiting import HANG_S, until
 
 SCRIPT = Path(sys.executable).with_name("haptic")
@@ -68,6 +69,17 @@ def test_status_has_the_keys_of_the_contract(haptic, socket):
     assert (said["state"], said["output_on"]) == ("idle", False)
     shown = haptic("status")
     assert "idle, output off; rig bench (simulated)" in shown.out
+
+
+def test_status_says_how_well_it_renders_and_how_late(haptic, socket, control):
+    control.fidelity = FIDELITY
+    said = done_json(haptic("status", "--json"))
+    assert said["fidelity"]["share_within_5_percent"] == 0.97
+    assert (said["latency_measured_s"], said["latency_why"]) == (None, "nobody has looked yet")
+    control.latency = {"latency_measured_s": 0.0123, "latency_error_s": 0.0002}
+    shown = haptic("status").out
+    assert FIDELITY.said[0] in shown
+    assert "latency 12.3 ms measured, 10.0 ms by the rig's file" in shown
 
 
 def test_set_play_off_disarm(haptic, armed, control):

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from haptic_driver.cli.watch import picture, sparkline
 from haptic_driver.daemon.web.frames import state_frame
+from tests.haptic_driver.daemon.bench_control import FIDELITY
 
 
 def test_watch_in_a_pipe_is_json_lines(haptic, socket):
@@ -31,6 +32,17 @@ def test_the_watch_picture_says_what_matters(control):
         with console.file:
             console.print(picture(frames))
             assert words in console.export_text()
+
+
+def test_the_watch_picture_says_how_well_it_renders(control):
+    control.fidelity = FIDELITY
+    control.latency = {"latency_measured_s": 0.0123, "latency_error_s": 0.0002}
+    console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
+    with console.file:
+        console.print(picture([state_frame(control.status(), control.samples(0, 10))]))
+        shown = console.export_text()
+    assert FIDELITY.said[0] in shown
+    assert "12.3 ms measured, 10.0 ms by the rig's file" in shown
 
 
 def test_sparkline():

@@ -13,7 +13,16 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from haptic_driver.daemon.messages import DaemonState, Marked, RefusedError, Status, Tile, Timing, Why
+from haptic_driver.daemon.messages import (
+    DaemonState,
+    Marked,
+    RefusedError,
+    RenderedFidelity,
+    Status,
+    Tile,
+    Timing,
+    Why,
+)
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.state_machine import StateMachine
 from haptic_driver.daemon.web.server import serve
@@ -21,6 +30,24 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.clock import clock_offsets
 from haptic_driver.recording.event import Event
+
+FIDELITY = RenderedFidelity(
+    first_tick=0,
+    last_tick=9999,
+    sliding_time_s=6.5,
+    share_within_5_percent=0.97,
+    constant_share_within_5_percent=0.7,
+    constant_cof=0.6,
+    relative_error_rms=0.0136,
+    cof_error_rms=0.0081,
+    correlation=0.91,
+    band_gain=[0.91, 1.3, 0.79, None, 1.0, 0.66, None, None, None],
+    band_coherence=[0.98, 0.9, 0.8, None, 0.5, 0.1, None, None, None],
+    share_above_jnd=0.0,
+    bands_felt=9 * [None],
+    reach_hz=110.0,
+    said=["within 5 % for 97 % of the time; a constant 0.60 reaches 70 %", "and more"],
+)
 
 
 @contextmanager

@@ -8,10 +8,11 @@ from datetime import datetime
 import pytest
 
 from haptic_driver.daemon import verbs
-from haptic_driver.daemon.messages import AgreementCell, RenderedFidelity
+from haptic_driver.daemon.messages import AgreementCell
 from haptic_driver.processes.samples import Flag
 from haptic_driver.textures.bands import EDGES_HZ
 from haptic_driver.textures.ripple import ripple
+from tests.haptic_driver.daemon.bench_control import FIDELITY
 from tests.haptic_driver.daemon.web.served_page import (
     BrowserError,
     Served,
@@ -341,25 +342,6 @@ def test_the_page_judges_a_ripple_as_the_program_does(page, carrier_hz, quiet_ab
     judged = ripple(carrier_hz, quiet_above_hz)
     assert said.endswith(": felt") is judged.felt
     assert said.partition(", ")[2].startswith(judged.place)
-
-
-FIDELITY = RenderedFidelity(
-    first_tick=0,
-    last_tick=9999,
-    sliding_time_s=6.5,
-    share_within_5_percent=0.97,
-    constant_share_within_5_percent=0.7,
-    constant_cof=0.6,
-    relative_error_rms=0.0136,
-    cof_error_rms=0.0081,
-    correlation=0.91,
-    band_gain=[0.91, 1.3, 0.79, None, 1.0, 0.66, None, None, None],
-    band_coherence=[0.98, 0.9, 0.8, None, 0.5, 0.1, None, None, None],
-    share_above_jnd=0.0,
-    bands_felt=9 * [None],
-    reach_hz=110.0,
-    said=["within 5 % for 97 % of the time; a constant 0.60 reaches 70 %", "and more"],
-)
 
 
 def test_the_score_and_the_bands_are_the_daemons_own(page, control):
