@@ -7,6 +7,8 @@ back, and tries again until there is evidence or `give_up_s` have passed. A driv
 machine may beat again once there is evidence; otherwise the watchdog ends, and its exit status says what it knows. It
 can do nothing against a computer without power or an instrument that is cut off: that is what the interlock box is for.
 
+From when it is ready it starts nothing more: its threads, connections and words are there. Its log waits for nobody.
+
     python -m hw.safety.watchdog --generator TCPIP::192.168.0.5::5025::SOCKET [--model M] [--interlock I] ...
 
 reads beats from its standard input: `b` (the output is wanted), `r` (rest: it is known to be off, do not wait for
@@ -28,10 +30,10 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 
+from hw.dropping_log import DroppingHandler
 from hw.errors import DeviceDisconnected, DeviceTimeout, SwitchedOff
 from hw.generator.contract import generator_kind
 from hw.transport.contract import Transport
@@ -307,18 +309,47 @@ def wait_for_silence(beats: queue.Queue[bytes], period_s: float, heard: Callable
         timeout_s = None if beat == REST else period_s * (1.0 - LAST_LOOK)
 
 
-def switch_off(instruments: Sequence[_Instrument], settings: WatchdogSettings) -> Outcome:
+class Hand:
+    """A thread that switches one instrument off whenever it is asked to; it is there from the start."""
+
+    def __init__(self, instrument: _Instrument) -> None:
+        self._instrument = instrument
+        self._asked: queue.SimpleQueue[bool] = queue.SimpleQueue()
+        self._said: queue.SimpleQueue[bool | None] = queue.SimpleQueue()
+        threading.Thread(target=self._work, name=instrument.resource, daemon=True).start()
+
+    def begin(self) -> None:
+        """Switch off; waits for nothing."""
+        self._asked.put(True)
+
+    def said(self) -> bool | None:
+        """What the instrument said to that."""
+        return self._said.get()
+
+    def _work(self) -> None:
+        while True:
+            self._asked.get()
+            said = None
+            with suppress(BaseException):  # no memory, say: it is asked again
+                said = self._instrument.switch_off()
+            self._said.put(said)
+
+
+def switch_off(hands: Sequence[Hand], settings: WatchdogSettings) -> Outcome:
     """Switch all off at the same time, again and again until all say so or time is up; what is known at the end.
 
     One that says off is evidence, as each of them alone takes the voltage away.
     """
     deadline_s = time.monotonic() + settings.give_up_s
-    with ThreadPoolExecutor(len(instruments)) as pool:
-        while True:
-            said = list(pool.map(_Instrument.switch_off, instruments))
-            if all(said) or time.monotonic() >= deadline_s:
-                break
-            time.sleep(settings.retry_s)
+    said: list[bool | None] = [None] * len(hands)
+    while True:
+        for hand in hands:
+            hand.begin()
+        for i, hand in enumerate(hands):
+            said[i] = hand.said()
+        if all(said) or time.monotonic() >= deadline_s:
+            break
+        time.sleep(settings.retry_s)
     if any(said):
         return Outcome.OFF
     return Outcome.ON if False in said else Outcome.UNKNOWN
@@ -330,7 +361,8 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGTTOU"):  # the last where its terminal stops who writes unasked
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
-    logging.basicConfig(format="%(asctime)s watchdog: %(message)s", level=logging.INFO)
+    log = DroppingHandler(logging.StreamHandler())
+    logging.basicConfig(format="%(asctime)s watchdog: %(message)s", level=logging.INFO, handlers=[log])
     instruments = _instruments(settings)
     silent = [instrument.resource for instrument in instruments if not _answers(instrument)]
     if silent:
@@ -338,17 +370,22 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
         return Outcome.NOT_STARTED
     with suppress(OSError, AttributeError):  # it has little to do, and must not wait for a machine that has too much
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    hands = [Hand(instrument) for instrument in instruments]
     print(READY, flush=True)
     beats: queue.Queue[bytes] = queue.Queue()
     threading.Thread(target=_listen, args=(beats,), daemon=True).start()
     os.set_blocking(sys.stdout.fileno(), False)  # it waits for nobody who does not read
     while True:
-        reason = wait_for_silence(beats, settings.period_s, lambda: _say(HEARD))
+        try:
+            reason = wait_for_silence(beats, settings.period_s, lambda: _say(HEARD))
+        except Exception:  # no memory, say: there is nothing left to wait with
+            reason = CLOSED
         _say(SWITCHING)
-        outcome = switch_off(instruments, settings)
+        outcome = switch_off(hands, settings)
         _say(DONE)
         _log.info("%s; output %s", reason, outcome.name.lower())
         if reason == CLOSED or outcome is not Outcome.OFF:
+            log.flush()
             return outcome
 
 

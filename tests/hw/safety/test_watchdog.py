@@ -110,7 +110,8 @@ def test_a_busy_machine_does_not_let_it_wait_where_that_is_granted(bench: Bench)
     try:
         assert dog.pid is not None
         granted = os.SCHED_FIFO if asked.returncode == 0 else os.SCHED_OTHER
-        assert {os.sched_getscheduler(int(task)) for task in os.listdir(f"/proc/{dog.pid}/task")} == {granted}
+        found = [os.sched_getscheduler(int(task)) for task in os.listdir(f"/proc/{dog.pid}/task")]
+        assert sorted(found) == sorted([os.SCHED_OTHER, *[granted] * (len(found) - 1)])  # the log's alone waits
     finally:
         assert dog.close() is True
 
@@ -355,6 +356,74 @@ def test_a_watchdog_that_was_killed_is_noticed(bench: Bench) -> None:
     assert watchdog.close() is None  # it cannot say
 
 
+# --- denials -------------------------------------------------------------------------------------------------------
+
+DENYING = """
+import _thread, os, resource, sys, threading
+import hw.safety.watchdog as watchdog
+
+denied = sys.argv[1].split("+")
+say = watchdog._say
+
+def refuse(*_, **__):
+    raise RuntimeError("can't start new thread")
+
+def armed(what):
+    watchdog._say = say
+    if "threads" in denied:
+        _thread.start_new_thread = threading._start_new_thread = refuse
+        resource.setrlimit(resource.RLIMIT_NPROC, (0, 0))
+    if "fork" in denied:
+        os.fork = os.posix_spawn = refuse
+    if "memory" in denied:
+        resource.setrlimit(resource.RLIMIT_AS, (1 << 20, 1 << 20))
+    if "disk" in denied:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+    say(what)
+
+watchdog._say = armed
+sys.exit(watchdog.main(sys.argv[2:]))
+"""
+DENIALS = ["threads", "fork", "memory", "disk", "stderr", "stdout"]
+
+
+def full_pipe() -> tuple[int, int]:
+    """A pipe that nobody reads and that takes no more."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(writing, bytes(4096))
+    os.set_blocking(writing, True)
+    return reading, writing
+
+
+@pytest.mark.parametrize("denied", [*DENIALS, "+".join(DENIALS)])
+def test_whatever_is_denied_after_arming_it_switches_off(bench: Bench, denied: str) -> None:
+    """One query fails on the way, so that it has something to say that nobody reads."""
+    settings = bench.settings(period_s=0.3, retry_s=0.05, reply_timeout_s=0.3)
+    reading, writing = full_pipe()
+    process = subprocess.Popen(
+        [sys.executable, "-c", DENYING, denied, *settings.arguments()],
+        bufsize=0,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=writing if "stderr" in denied else None,
+    )
+    try:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n"  # and then nobody reads: it may run full
+        process.stdin.write(BEAT)
+        bench.faults.inject(Fault.DISCONNECT, count=1)
+        until(lambda: not bench.on)
+    finally:
+        process.kill()
+        process.communicate()
+        os.close(reading)
+        os.close(writing)
+
+
 # --- evidence --------------------------------------------------------------------------------------------------------
 
 
@@ -385,7 +454,8 @@ def test_whatever_a_link_raises_the_other_instrument_is_switched_off(
     settings = WatchdogSettings("broken", bench.server.resource, give_up_s=0.3, retry_s=0.1)
     broken, other = hw.safety.watchdog._instruments(settings)
     other._off, other._answers = broken._off, broken._answers  # a second generator in the interlock's place
-    assert hw.safety.watchdog.switch_off([broken, other], settings) is Outcome.OFF
+    hands = [hw.safety.watchdog.Hand(broken), hw.safety.watchdog.Hand(other)]
+    assert hw.safety.watchdog.switch_off(hands, settings) is Outcome.OFF
     assert not bench.on
     other._transport.close()
 

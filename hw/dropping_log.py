@@ -1,0 +1,51 @@
+"""A log that keeps nobody waiting: a thread of its own writes it, and what it cannot take is dropped and counted.
+
+A terminal that somebody has stopped with Ctrl-S, or a pipe that nobody reads, stops whoever writes to it. Code on the
+way to zero volts must not be stopped.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+from contextlib import suppress
+
+MOST_WAITING = 1000
+FLUSH_S = 1.0  # at the end
+
+
+class DroppingHandler(logging.Handler):
+    """Hands records to another handler in a thread that begins now and ends with the process.
+
+    `dropped` counts what was not written for want of room.
+    """
+
+    def __init__(self, handler: logging.Handler, most: int = MOST_WAITING) -> None:
+        super().__init__(handler.level)
+        self.dropped = 0
+        self._handler = handler
+        self._waiting: queue.Queue[logging.LogRecord] = queue.Queue(most)
+        threading.Thread(target=self._write, name="log", daemon=True).start()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Leave it for the thread; whatever is in the way, nobody waits for it and nothing is raised."""
+        try:
+            self._waiting.put_nowait(record)
+        except Exception:  # full, or no memory
+            self.dropped += 1
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - logging's name
+        """Say nothing: to say it on standard error would wait for that."""
+
+    def flush(self) -> None:
+        """Give the thread a moment to write what is waiting."""
+        with self._waiting.all_tasks_done:
+            self._waiting.all_tasks_done.wait_for(lambda: not self._waiting.unfinished_tasks, FLUSH_S)
+
+    def _write(self) -> None:
+        while True:
+            record = self._waiting.get()
+            with suppress(Exception):
+                self._handler.handle(record)
+            self._waiting.task_done()
