@@ -88,7 +88,7 @@ def _daemon(rig: str, speed_m_s: float) -> Iterator[HapticClient]:
     with tempfile.TemporaryDirectory() as folder, ExitStack() as ending:
         slide, socket = Path(folder, "slide.csv"), Path(folder, "daemon.sock")
         write_slide(even_strokes(speed_m_s), slide)
-        command = [sys.executable, "-m", "haptic_driver.cli.main", "daemon", "run", "--json"]
+        command = [str(Path(sys.executable).with_name("haptic")), "daemon", "run", "--json"]
         command += ["--rig", rig, "--socket", str(socket), "--slide", str(slide)]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         ending.callback(process.wait)
@@ -99,9 +99,7 @@ def _daemon(rig: str, speed_m_s: float) -> Iterator[HapticClient]:
         yield ending.enter_context(HapticClient(socket))
 
 
-def _rendered(
-    client: HapticClient, config: RigConfig, texture: str, seconds: float
-) -> tuple[Status, Rendered, int]:
+def _rendered(client: HapticClient, config: RigConfig, texture: str, seconds: float) -> tuple[Status, Rendered, int]:
     """Play a texture for so long, record it, and judge the recording; gaps of the envelope besides."""
     with tempfile.TemporaryDirectory() as folder, client.armed(2.0) as session:
         path = Path(folder, "run.h5")
@@ -130,9 +128,7 @@ def _demo(config: RigConfig, texture: str, speed_m_s: float) -> Rendered:
 
 def _judged(samples: NDArray[np.void], config: RigConfig, switched: int) -> Rendered:
     there, since_s = sliding(samples), since_touch_s(samples)
-    fidelity = fidelity_of_samples(
-        samples, load_perception(), reach_hz(config), config.simulation.force_noise_n
-    )
+    fidelity = fidelity_of_samples(samples, load_perception(), reach_hz(config), config.simulation.force_noise_n)
     begun = there & (since_s < AFTER_TOUCH_S) & np.isfinite(samples["target_cof"])
     begun &= samples["reachable"] == 1
     error = samples["measured_cof"][begun] / samples["target_cof"][begun] - 1.0

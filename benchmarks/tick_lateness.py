@@ -85,7 +85,7 @@ def _watched(daemon: Daemon, token: str, seconds: float) -> np.ndarray:
 
 def _compute(what: str, samples: np.ndarray) -> Iterator[Claim]:
     """From the instant when a tick began until its sample was written, of the ticks that put voltage out."""
-    took_s = samples["compute_s"][samples["output_on"] == 1]
+    took_s = samples["compute_s"][samples["voltage_v"] > 0.0]
     for q, share in ((50.0, TAKES), (99.0, TAKES_RARELY)):
         yield _share_of_period(f"{what}, {_name(q)}", float(np.percentile(took_s, q)), share)
 

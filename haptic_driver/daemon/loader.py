@@ -20,6 +20,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.errors import BadInputError, HapticError
@@ -27,7 +29,7 @@ from haptic_driver.processes import parent
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.real_time import give_way
 from haptic_driver.processes.shared_memory import TARGET_BYTES
-from haptic_driver.render.texture import Target
+from haptic_driver.render.texture import Target, of_every_kind
 from haptic_driver.surface.models import load_model
 from haptic_driver.textures.library import load, load_texture, texture_names
 from haptic_driver.textures.reach import Demand, demand
@@ -186,6 +188,8 @@ def main() -> int:
     import scipy.interpolate  # noqa: F401, PLC0415  (what is read may need it)
     from PIL import PngImagePlugin  # noqa: F401, PLC0415
 
+    for texture in of_every_kind():
+        texture.cof_at(*np.zeros((2, 1)))  # what is compiled takes more room than a texture may
     with Connection(int(sys.argv[1])) as link:
         _bounded()
         parent.tell({"ready": True})

@@ -18,8 +18,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import numpy as np
-
 from haptic_driver.daemon.asked_for import Asked, AskedFor
 from haptic_driver.processes import parent, real_time
 from haptic_driver.processes.compilation import compilation_said
@@ -30,15 +28,7 @@ from haptic_driver.render import envelope
 from haptic_driver.render.compiled import refuse_to_compile
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.finger import FingerTracking
-from haptic_driver.render.texture import (
-    FloatArray,
-    FrictionMap,
-    Profile,
-    Target,
-    Texture,
-    Uniform,
-    Waves,
-)
+from haptic_driver.render.texture import FloatArray, Target, of_every_kind
 from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
 from haptic_driver.signals import SLIDING_M_S, FingerSample, FingerState
 from haptic_driver.textures.bands import FINGER_LAG_M
@@ -161,7 +151,7 @@ class Renderer:
 
     def warm_up(self) -> None:
         """Run every compiled path once, far from any output."""
-        stages = [replace(self._settings.tick, texture=texture) for texture in _of_every_kind()]
+        stages = [replace(self._settings.tick, texture=texture) for texture in of_every_kind()]
         state = TickState()
         for i in range(WARM_UP_TICKS):
             time_s = i * self._settings.period_s
@@ -327,17 +317,6 @@ class Renderer:
             heard.order.rendering and due.due_s >= heard.driven_since_s,
             output.flags,
         )
-
-
-def _of_every_kind() -> list[Texture]:
-    """Textures that are looked up by compiled functions, and one that is not."""
-    cof = np.full((1, 1, 4), 0.7)
-    return [
-        Uniform(0.7),
-        FrictionMap(cof[0], 0.01, 0.01, "tile"),
-        Profile((0.0, 0.01), (0.7, 0.7), "tile"),
-        Waves(cof, np.array([0.05]), np.array([0.5]), 0.01, 0.0, (0.05, 0.5)),
-    ]
 
 
 def _speed_m_s(finger: FingerState | FingerTracking) -> float:

@@ -166,4 +166,4 @@ class _SteppedForceSensor:
             with suppress(DeviceTimeout):  # nothing yet, or stale by the machine's clock, not the simulation's
                 newest = self.box.read()
                 reading = newest if self.box.counters.accepted > heard else None
-        return reading._replace(time_s=self._instruments.time_s)
+        return reading._replace(time_s=self._instruments.plant.time_s)

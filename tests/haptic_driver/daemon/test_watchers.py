@@ -18,7 +18,7 @@ from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.daemon.targets import Targets
 from haptic_driver.daemon.watchers import UNDERRUN_TOLD_S, WATCHERS, Watched
 from haptic_driver.processes.samples import Flag
-from haptic_driver.processes.shared_memory import NO_OUTPUT
+from haptic_driver.processes.shared_memory import NO_OUTPUT, NOT_PLAYED
 from haptic_driver.render.texture import Script, Step, Uniform
 from haptic_driver.rig.states import RigEvent, RigState
 from tests.clock import ManualClock
@@ -148,10 +148,9 @@ def test_a_render_process_that_is_silent_while_it_renders_is_a_fault(bench):
 
 
 def test_underruns_are_told_at_most_once_a_second(bench):
-    pump = bench.orders.pump
-    pump.underruns = 1
+    bench.shared.played.write(NOT_PLAYED._replace(underruns=1))
     assert bench.watch() == [("flag", "underrun")]
-    pump.underruns = 5
+    bench.shared.played.write(NOT_PLAYED._replace(underruns=5))
     assert bench.watch(0.5 * UNDERRUN_TOLD_S) == []
     assert bench.watch(0.6 * UNDERRUN_TOLD_S) == [("flag", "underrun")]
     assert bench.watch(2.0 * UNDERRUN_TOLD_S) == []

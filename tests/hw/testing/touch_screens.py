@@ -48,11 +48,11 @@ class FaultyTouchScreen(SimulatedTouchScreen):
     def unplug(self) -> None:
         """End of file at the reader's end."""
         with suppress(OSError):
-            os.close(self._output)
-        self._output = -1
+            os.close(self.output)
+        self.output = -1
 
     def _write(self, events: list[Event]) -> None:
-        if not self._lost and self._output >= 0:
+        if not self._lost and self.output >= 0:
             super()._write(events)
 
 
