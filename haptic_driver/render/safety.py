@@ -40,7 +40,7 @@ def violation(limits: OperatingLimits, point: OperatingPoint) -> str | None:  # 
     """Why a point is refused, in words; None when it is inside every limit."""
     f, v = point.frequency_hz, point.voltage_v
     sliding, stuck = point.current_rms_a, point.stuck_current_rms_a
-    if not (isfinite(f) and isfinite(v) and isfinite(sliding) and isfinite(stuck)):
+    if not isfinite(f + v + sliding + stuck):  # each of them, then
         return "the operating point is not finite"
     if v == 0.0:
         return None
