@@ -104,7 +104,7 @@ def build_surface(
     """Solve the model on every point of the axes; `with_interval` adds how far friction may be off.
 
     `limits` only mark `within_limits`, the rig applies its own. A quarter of a second of one core, half a second with
-    the slowest effects, twice as much again with an interval (`benchmarks/surface_rebuild.py`); a new roughness shape
+    the slowest effects, twice as much again with an interval (`benchmarks/surface_build.py`); a new roughness shape
     needs a gap table first, a second, once. Without `axes` the usual ones, as far as the model goes; BadInputError
     where those given reach beyond what a learned effect was learned from.
     """
