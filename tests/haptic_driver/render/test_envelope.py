@@ -25,13 +25,14 @@ TICK_S, SAMPLES = 1e-3, 50
 
 
 @pytest.fixture(scope="module")
-def stages(surface, limits):
+def stages(surface, surface_file, limits):
     return TickSettings(
         FingerSettings(),
         Uniform(0.7),
         Controller(ControllerSettings(surface, limits, "fixed_frequency", CARRIER_HZ)),
         limits,
         DriveSettings(),
+        safety.table_of(surface_file.worst_case),
     )
 
 
@@ -142,6 +143,7 @@ def test_root_of_straight_force():
 
 # --- the last gate ---------------------------------------------------------------------------------------------
 
+NO_MORE = safety.Worst(0.0, 0.0)  # than the point says itself
 PEAK = OperatingPoint(250.0, 100.0, 0.8, 1e-5, 1e-5, True, 0.5, 0.9)
 
 
@@ -153,10 +155,10 @@ PEAK = OperatingPoint(250.0, 100.0, 0.8, 1e-5, 1e-5, True, 0.5, 0.9)
 def test_one_bad_point_refuses_all(samples, where, bad):
     limits = OperatingLimits(150.0, 1.0, 1e6)
     block = np.array(samples)
-    assert gate_envelope(limits, safety.INITIAL, PEAK, block) == (safety.INITIAL, False)
+    assert gate_envelope(limits, safety.INITIAL, PEAK, NO_MORE, block) == (safety.INITIAL, False)
     where = min(where, block.size - 1)
     block[where] = bad
-    state, refused = gate_envelope(limits, safety.INITIAL, PEAK, block)
+    state, refused = gate_envelope(limits, safety.INITIAL, PEAK, NO_MORE, block)
     assert refused
     assert state.rejections == 1
     assert f"point {where}" in state.last_reason
@@ -174,7 +176,7 @@ def test_one_bad_point_refuses_all(samples, where, bad):
 )
 def test_a_peak_beyond_any_limit_refuses_the_block(tight):
     limits = OperatingLimits(**({"voltage_v": 150.0, "frequency_low_hz": 1.0, "frequency_high_hz": 1e6} | tight))
-    assert gate_envelope(limits, safety.INITIAL, PEAK, np.full(50, 1.0))[1]
+    assert gate_envelope(limits, safety.INITIAL, PEAK, NO_MORE, np.full(50, 1.0))[1]
 
 
 def test_a_refused_point_leaves_nothing(stages, limits):

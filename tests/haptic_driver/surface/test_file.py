@@ -15,7 +15,7 @@ from haptic_driver.render.surface import NO_CAPS, cof_at, invert
 from haptic_driver.surface.file import CofInterval, cof_interval_at, read_surface, ready_for_lookup
 
 NUMBERS = ("frequency_hz", "voltage_v", "normal_force_n", "cof", "electrostatic_force_n", "current_rms_a")
-MORE_NUMBERS = ("stuck_current_rms_a", "slew_v_per_s")
+MORE_NUMBERS = ("stuck_current_a_per_v", "electrode_gain", "slew_v_per_s")
 MASKS = ("pulled_in", "within_theory", "within_limits")
 WIDE = OperatingLimits(voltage_v=1e3, frequency_low_hz=1e-3, frequency_high_hz=1e9, contact_current_a_rms=((1.0, 1e3),))
 
@@ -199,12 +199,15 @@ def test_an_interval_comes_back_and_is_part_of_the_hash(small_file, tmp_path):
         assert file["cof_low"].shape == file["cof_high"].shape == small_file.cof.shape
 
 
-def test_a_file_from_before_intervals_is_read(small_file, written):
-    with h5py.File(written, "a") as file:
-        file.attrs["format_version"] = 1.0
-    found = read_surface(written)
-    assert found.cof_interval is None
-    assert found.content_hash == small_file.content_hash
+def test_a_worst_case_that_is_not_the_models_is_refused_whatever_the_hash_says(small_file, written):
+    """A file with a recomputed hash and a stuck current of 0 once drove 150 V past the gate."""
+    nothing = np.zeros_like(small_file.stuck_current_a_per_v)
+    for changed in (
+        replace(small_file, stuck_current_a_per_v=nothing),
+        replace(small_file, electrode_gain=0.5 * small_file.electrode_gain),
+    ):
+        changed.write(written)
+        assert_refused(written, "surface_corrupt")
 
 
 def test_the_interval_at_a_point_is_linear_between_nodes(small_file):
@@ -217,7 +220,7 @@ def test_the_interval_at_a_point_is_linear_between_nodes(small_file):
     assert cof_interval_at(small_file, f[2], v[3], n[1]) is None
 
 
-@pytest.mark.parametrize("version", [0.9, 2.0])
+@pytest.mark.parametrize("version", [0.9, 1.1, 3.0])
 def test_another_format_version(written, version):
     with h5py.File(written, "a") as file:
         file.attrs["format_version"] = version
@@ -316,8 +319,8 @@ def test_a_forbidden_force_forbids_the_forces_up_to_its_neighbours(make_file):
 def test_the_sliding_current_counts_too(make_file):
     just_allowed = 1e-5 * (1.0 - 1e-12)  # A/V; between normal forces it is interpolated, with rounding
     current = np.broadcast_to(just_allowed * VOLTAGE[:, None], SHAPE).copy()
-    stuck = np.broadcast_to(1e-7 * VOLTAGE, SHAPE[:2]).copy()
-    file = make_file(FREQUENCY, FORCE, VOLTAGE, current_rms_a=current, stuck_current_rms_a=stuck)
+    stuck = np.full(SHAPE[:2], 1e-7)
+    file = make_file(FREQUENCY, FORCE, VOLTAGE, current_rms_a=current, stuck_current_a_per_v=stuck)
     public = OperatingLimits(voltage_v=1e3, frequency_low_hz=1.0, frequency_high_hz=1e6)
     # 0.5 mA at 10 uA/V: 50 V, and the last node that is not above it
     assert invert(ready_for_lookup(file, public), math.inf, 100.0, 0.5, NO_CAPS).voltage_v == pytest.approx(50.0)
