@@ -132,11 +132,13 @@ def _variants(schema: Schema, words: dict[str, str]) -> Iterator[str]:
 
 def _tables_in(entry: Schema, definitions: Schema) -> list[Schema]:
     """The sections that may stand at one key, more than one where `kind` chooses."""
+    if "properties" in entry:
+        return [entry]
     if "$ref" in entry:
         found = definitions[entry["$ref"].rpartition("/")[2]]
         return [found] if "properties" in found else []
     inside = [*entry.get("anyOf", []), *entry.get("oneOf", [])]
-    if entry.get("type") == "array" and entry["items"].keys() & {"$ref", "oneOf", "anyOf"}:
+    if entry.get("type") == "array" and entry["items"].keys() & {"$ref", "oneOf", "anyOf", "properties"}:
         inside.append(entry["items"])
     return [found for branch in inside for found in _tables_in(branch, definitions)]
 

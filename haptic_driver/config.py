@@ -6,11 +6,12 @@ An unknown key is an error that offers the nearest one. What a file may say stan
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, RootModel, ValidationError
+from pydantic.fields import FieldInfo
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input
@@ -30,6 +31,21 @@ class Section(Checked):
     """Base of what stands in files: and nothing of the wrong type."""
 
     model_config = ConfigDict(strict=True)
+
+
+class Kinds(Mapping[str, type[BaseModel]]):
+    """Sections by their `kind`, as metadata of a field that takes any of them; each is looked up when it is named.
+
+    They are compared by identity, since comparing contents would look up all of them.
+    """
+
+    def __eq__(self, other: object) -> bool:
+        """Whether it is the same."""
+        return self is other
+
+    def __hash__(self) -> int:
+        """By identity."""
+        return id(self)
 
 
 def config_dirs() -> list[Path]:
@@ -79,7 +95,7 @@ def parse(schema: type[Parsed], content: dict[str, Any], where: str, code: str =
         return schema.model_validate(content)
     except ValidationError as error:
         faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
-        file: Any = schema.model_fields["root"].annotation if issubclass(schema, RootModel) else schema
+        file: Any = _annotated(schema.model_fields["root"]) if issubclass(schema, RootModel) else schema
         problems = list(dict.fromkeys(_problem(file, fault) for fault in faults))
         code = code or ("unknown_key" if faults[0]["type"] == "extra_forbidden" else "bad_config")
         raise BadInputError(code, f"{where}: {'; '.join(problems)}", _hint(file, faults)) from error
@@ -132,20 +148,27 @@ def _annotation(schema: Any, loc: Sequence[str | int]) -> Any:
     """What may stand at `loc`: a section, a union of sections, or anything else."""
     for key in loc:
         variants = _variants(schema)
-        if key in variants:
+        if isinstance(key, str) and key in variants:
             schema = variants[key]
             continue
         sections = [t for t in _members(schema) if isinstance(t, type) and issubclass(t, BaseModel)]
         fields = sections[0].model_fields if len(sections) == 1 else {}
-        schema = fields[key].annotation if key in fields else None
+        schema = _annotated(fields[key]) if key in fields else None
     sections = [t for t in _members(schema) if isinstance(t, type) and issubclass(t, BaseModel)]
-    return sections[0] if len(sections) == 1 else schema
+    return sections[0] if len(sections) == 1 and not _variants(schema) else schema
 
 
-def _variants(annotation: Any) -> dict[str, Any]:
+def _annotated(field: FieldInfo) -> Any:
+    """What may stand at a field, with its metadata."""
+    return Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation
+
+
+def _variants(annotation: Any) -> Mapping[str, Any]:
     """The sections of a union by their `kind`; none for anything else."""
     variants: dict[str, Any] = {}
     for member in _members(annotation):
+        if isinstance(member, Kinds):
+            return member
         fields = getattr(member, "model_fields", {})
         if "kind" in fields and get_origin(fields["kind"].annotation) is Literal:
             variants |= dict.fromkeys(get_args(fields["kind"].annotation), member)

@@ -1,4 +1,7 @@
-"""Kinds of devices that are installed, by entry point: a package outside this one adds a kind by naming it."""
+"""Kinds of devices that are installed, by entry point: a package outside this one adds a kind by naming it.
+
+A package may fail, exit or hang while it is imported: only names are listed, and one is loaded where a file names it.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +30,10 @@ def known(group: str, name: str, what: str) -> str:
 
 @cache
 def load(group: str, name: str, what: str) -> Any:
-    """What the entry point names; ValueError as `known`, or for one that cannot be loaded."""
+    """What the entry point names; ValueError as `known`, or for one that cannot be loaded, even one that exits."""
     point = installed(group)[known(group, name, what)]
     try:
         return point.load()
-    except (ImportError, AttributeError) as error:
-        raise ValueError(f"{what} {name!r} ({point.value}) cannot be loaded: {error}") from error
+    except (Exception, SystemExit) as error:
+        said = f"{type(error).__name__}: {error}"
+        raise ValueError(f"{what} {name!r} ({point.value}) cannot be loaded: {said}") from error

@@ -147,7 +147,7 @@ class Controller:
     ) -> tuple[ControllerState, OperatingPoint]:
         """See the compiled function."""
         after, point = step(self.held, plain(state), target[:], finger[:], applied[:])
-        return recorded(after), OperatingPoint(*point)
+        return recorded(after), OperatingPoint._make(point)
 
     def along(
         self, known: Estimate, target_cof: Array, finger: FingerState, frequency_hz: float
@@ -155,7 +155,7 @@ class Controller:
         """See the compiled function."""
         held, gains, cautious = self.held, known.gains[:], known.cautious
         voltage_v, peak = along(held, gains, cautious, target_cof, finger[:], frequency_hz)
-        return voltage_v, OperatingPoint(*peak)
+        return voltage_v, OperatingPoint._make(peak)
 
     def carried(
         self, before: Controller, state: ControllerState, speed_m_s: float, contact_s: float, voltage_v: float
@@ -309,16 +309,16 @@ def chosen(
     surface, gains, force_n = control.surface, known.gains, finger.normal_force_n
     low = cof_at(surface, IDLE_HZ, 0.0, force_n)  # the same at any frequency
     factors, frequency_hz, inverse = Factors(1.0, 1.0), control.choice.fixed_hz, Inverse(0.0, low, 0.0, 0.0, low, low)
-    for k in range(1 + CORRECTION_ROUNDS if control.corrected else 1):
+    last = CORRECTION_ROUNDS if control.corrected else 0
+    for k in range(last + 1):
         if k > 0:
             factors = factors_at(control.correction, frequency_hz, inverse.voltage_v, finger)
         wanted = on_surface(gains, factors, low, target_cof)
         if k <= FREQUENCY_ROUNDS and np.isnan(control.choice.fixed_hz):
             frequency_hz = best_or_present(control, wanted, force_n, present_hz)
+        if k == last and known.cautious:
+            wanted = careful_cof(gains, factors, low, target_cof, control.law.caution)
         inverse = invert(surface, wanted, frequency_hz, force_n, control.caps)
-    if known.cautious:
-        careful = careful_cof(gains, factors, low, target_cof, control.law.caution)
-        inverse = invert(surface, careful, frequency_hz, force_n, control.caps)
     return frequency_hz, inverse, factors
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from typing import NamedTuple
 
 from haptic_driver.signals import DriveCommand, SafeOperatingPoint
@@ -30,7 +30,9 @@ def drive(
     settings: DriveSettings, state: DriveState, point: SafeOperatingPoint, time_s: float
 ) -> tuple[DriveState, DriveCommand]:
     """The command for this instant; off for zero volts."""
-    elapsed_s = max(time_s - state.time_s, 0.0) if isfinite(time_s - state.time_s) else 0.0
+    elapsed_s = time_s - state.time_s
+    if not 0.0 < elapsed_s < inf:  # the first command, a time that is none, or a clock that began again
+        elapsed_s = 0.0
     voltage_v = min(point.voltage_v, state.voltage_v + settings.voltage_rise_v_per_s * elapsed_s)
     now_s = time_s if isfinite(time_s) else state.time_s
     return DriveState(now_s, voltage_v), DriveCommand(point.frequency_hz, voltage_v, voltage_v > 0.0)

@@ -42,7 +42,7 @@ def ahead(stages: TickSettings, after: TickState, done: Tick, tick_s: float) -> 
         return after._replace(safety=guard), ZERO
     # The next tick's rise begins where this way ends.
     driven = drive.DriveState(after.drive.time_s, voltage_v.item(-1))
-    return after._replace(drive=driven), voltage_v * voltage_v
+    return TickState(after.finger, after.controller, guard, driven, after.command), voltage_v * voltage_v
 
 
 def full_scale_v(stages: TickSettings, carrier_hz: float) -> float:

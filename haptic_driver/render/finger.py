@@ -97,26 +97,25 @@ def track(settings: FingerSettings, state: FingerTracking, sample: FingerSample)
         touched = FingerTracking(time_s, time_s, x_m, y_m, 0.0, 0.0, 0.0, in_contact=True, touched_s=time_s)
         return touched, FingerState(now_s, x_m, y_m, 0.0, 0.0, force_n, in_contact=True)
 
-    state = _follow(settings, state, sample)
+    state = _follow(settings.velocity_time_constant_s, state, time_s, x_m, y_m)
     vx_m_s, vy_m_s = state.velocity_x_m_s, state.velocity_y_m_s
     age_s = min(max(now_s - time_s, 0.0), settings.longest_age_s)
     ahead_s = age_s + settings.output_latency_s
     x_m += vx_m_s * ahead_s
     y_m += vy_m_s * ahead_s
-    if not (math.isfinite(x_m) and math.isfinite(y_m)):
+    if not math.isfinite(x_m + y_m):
         return _lost(time_s, now_s)
     contact_s = max(now_s - state.touched_s, 0.0)
     return state, FingerState(now_s, x_m, y_m, vx_m_s, vy_m_s, force_n, True, lateral_n, contact_s)
 
 
-def _follow(settings: FingerSettings, state: FingerTracking, sample: FingerSample) -> FingerTracking:
+def _follow(time_constant_s: float, state: FingerTracking, time_s: float, x_m: float, y_m: float) -> FingerTracking:
     """The velocity, smoothed exponentially over whatever intervals the samples come in."""
-    time_s, x_m, y_m, *_ = sample
     _, anchor_time_s, anchor_x_m, anchor_y_m, vx_m_s, vy_m_s, weight, _, touched_s = state
     interval_s = time_s - anchor_time_s
-    if interval_s < SHORTEST_INTERVAL * settings.velocity_time_constant_s:
+    if interval_s < SHORTEST_INTERVAL * time_constant_s:
         return state._replace(time_s=time_s)
-    share = -math.expm1(-interval_s / settings.velocity_time_constant_s)
+    share = -math.expm1(-interval_s / time_constant_s)
     weight += share * (1.0 - weight)
     gain = share / weight
     vx_m_s += gain * ((x_m - anchor_x_m) / interval_s - vx_m_s)

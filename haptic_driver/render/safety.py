@@ -71,13 +71,13 @@ def violation(limits: OperatingLimits, point: OperatingPoint, worst: Worst) -> s
     Of what the point claims and what `worst` says the larger counts.
     """
     f, v, sliding = point.frequency_hz, point.voltage_v, point.current_rms_a
-    if not (isfinite(f) and isfinite(v) and isfinite(sliding) and isfinite(point.stuck_current_rms_a)):
+    if not isfinite(f + v + sliding + point.stuck_current_rms_a):  # each of them, then
         return "the operating point is not finite"
     if v == 0.0:
         return None
     if not limits.frequency_low_hz <= f <= limits.frequency_high_hz:
         return f"{f:g} Hz is outside {limits.frequency_low_hz:g}..{limits.frequency_high_hz:g} Hz"
-    if not (isfinite(worst.stuck_current_rms_a) and isfinite(worst.electrode_voltage_v)):
+    if not isfinite(worst.stuck_current_rms_a + worst.electrode_voltage_v):
         return f"nobody knows what {v:g} V at {f:g} Hz do at worst"
     electrode_v = max(v, worst.electrode_voltage_v)
     if not 0.0 < v <= electrode_v <= limits.voltage_v:

@@ -35,13 +35,13 @@ from haptic_driver.rig.part import (
     FORCE_SENSORS,
     NO_WATCHDOG,
     SIMULATED,
+    KindsOf,
     NotNegative,
     PartSection,
     Positive,
     Resource,
     Seconds,
     Vouched,
-    sections_of,
 )
 from haptic_driver.rig.parts.amplifiers import AmplifierConfig
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput, SomeAnalogOutput
@@ -84,11 +84,11 @@ if TYPE_CHECKING:
     SomeOutput = NoAnalogOutput | SomeAnalogOutput
     SomeTracker = PartSection
 else:  # whatever is installed
-    SomeAmplifier = Annotated[sections_of(AMPLIFIERS), BeforeValidator(_analog_if_not_said)]
-    SomeForceSensor = sections_of(FORCE_SENSORS)
-    SomeMonitor = sections_of(ELECTRODE_MONITORS)
-    SomeOutput = sections_of(ANALOG_OUTPUTS)
-    SomeTracker = sections_of(FINGER_TRACKERS)
+    SomeAmplifier = Annotated[PartSection, KindsOf(AMPLIFIERS), BeforeValidator(_analog_if_not_said)]
+    SomeForceSensor = Annotated[PartSection, KindsOf(FORCE_SENSORS)]
+    SomeMonitor = Annotated[PartSection, KindsOf(ELECTRODE_MONITORS)]
+    SomeOutput = Annotated[PartSection, KindsOf(ANALOG_OUTPUTS)]
+    SomeTracker = Annotated[PartSection, KindsOf(FINGER_TRACKERS)]
 
 
 class LimitsConfig(Vouched):

@@ -1,20 +1,27 @@
 """What sections of a rig's file are made of, and how a kind of part makes itself known.
 
 A package adds a kind by an entry point of one of the groups below that names a `PartKind`; the entry point's name
-is the value of `kind` in a rig's file.
+is the value of `kind` in a rig's file. A kind is loaded where a rig names it, and by no other rig.
 """
 
 from __future__ import annotations
 
 import datetime
-import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, Union, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, cast, get_args
 
-from pydantic import AfterValidator, Field, FiniteFloat
+from pydantic import (
+    AfterValidator,
+    Field,
+    FiniteFloat,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ValidationError,
+)
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticKnownError, core_schema
 
-from haptic_driver.config import Section
+from haptic_driver.config import Kinds, Section
 from hw import plugins
 
 if TYPE_CHECKING:
@@ -31,7 +38,6 @@ ELECTRODE_MONITORS = "haptic_driver.electrode_monitors"
 SIMULATED = "simulated"
 NO_WATCHDOG = "none"
 
-_log = logging.getLogger(__name__)
 Device = TypeVar("Device")
 
 Positive = Annotated[FiniteFloat, Field(gt=0.0)]
@@ -134,17 +140,60 @@ def part_kind(group: str, name: str) -> PartKind:
     return kind
 
 
-def sections_of(group: str) -> Any:
-    """What may stand in a rig's file at a part of that group, by `kind`. One that cannot be loaded is left out."""
-    sections = []
-    for name in sorted(plugins.installed(group)):
+class KindsOf(Kinds):
+    """The sections of a group's kinds. One that fails at import, exits there or hangs breaks no rig but its own."""
+
+    def __init__(self, group: str) -> None:
+        self._group = group
+
+    def __getitem__(self, name: str) -> type[PartSection]:
+        """Raises ValueError as `part_kind`."""
+        return part_kind(self._group, name).section
+
+    def __iter__(self) -> Iterator[str]:
+        """Names, whether or not they can be loaded."""
+        return iter(sorted(plugins.installed(self._group)))
+
+    def __len__(self) -> int:
+        """How many are installed."""
+        return len(plugins.installed(self._group))
+
+    def __contains__(self, name: object) -> bool:
+        """Whether one of that name is installed; it is not loaded for the answer."""
+        return name in plugins.installed(self._group)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Read a section by its `kind`."""
+        return core_schema.no_info_plain_validator_function(self._read)
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Describe the kinds that come with the driver; what else is installed describes itself."""
+        own = [name for name, point in plugins.installed(self._group).items() if _is_own(point.value)]
+        sections = [handler(self[name].__pydantic_core_schema__) for name in sorted(own)]
+        return {"oneOf": sections} if len(sections) > 1 else sections[0]
+
+    def _read(self, content: object) -> PartSection:
+        """Errors are placed as those of a union with a discriminator are: below the name of the kind."""
+        name = content.get("kind") if isinstance(content, dict) else getattr(content, "kind", None)
+        if name is None:
+            raise PydanticKnownError("union_tag_not_found", {"discriminator": "'kind'"})
+        if name not in self:
+            tags = {"discriminator": "'kind'", "tag": str(name), "expected_tags": ", ".join(self)}
+            raise PydanticKnownError("union_tag_invalid", tags)
+        section = self[cast(str, name)]
         try:
-            sections.append(part_kind(group, name).section)
-        except ValueError as error:
-            _log.warning("%s", error)
-    if not sections:
-        raise ImportError(f"nothing is installed under {group}: install haptic-driver anew, pip install --editable .")
-    return Annotated[Union[tuple(sections)], Field(discriminator="kind")] if len(sections) > 1 else sections[0]  # noqa: UP007
+            return section.model_validate(content)
+        except ValidationError as error:
+            raise _below(str(name), error) from None
+
+
+def _is_own(value: str) -> bool:
+    return value.partition(".")[0] == __name__.partition(".")[0]
+
+
+def _below(name: str, error: ValidationError) -> ValidationError:
+    found = [cast(InitErrorDetails, {**fault, "loc": (name, *fault["loc"])}) for fault in error.errors()]
+    return ValidationError.from_exception_data(error.title, found)
 
 
 def make_part(group: str, section: PartSection, wiring: Wiring) -> Part[Any] | None:
