@@ -205,6 +205,9 @@ def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
     nodes = file.normal_force_n
     force = np.geomspace(nodes[0], nodes[-1], (nodes.size - 1) * FORCE_REFINEMENT + 1)
     known = _cof_under(file, force)
+    if not np.isfinite(known).any():
+        said = f"model '{file.provenance['model']['name']}' has no equilibrium between finger and screen anywhere"
+        raise BadInputError("no_equilibrium", said, "look at its effects: the contact pulls in even without voltage")
     current = _refined(file.current_rms_a, file, force)
     cof = np.where(np.isfinite(known), known, np.nanmax(known))
 

@@ -31,9 +31,11 @@ class Found(NamedTuple):
     about: str
 
 
-def found(seed: int, number: int) -> Found:
-    """One draw."""
+def found(seed: int, number: int) -> Found | None:
+    """One draw, if there is one."""
     draw = drawn(load_model("reference"), np.random.default_rng([seed, number]))
+    if draw is None:
+        return None
     largest: dict[str, float] = {}
     for kind, voltages_v in (
         ("set point", [p.voltage_v for p in draw.points]),
@@ -53,11 +55,13 @@ def main() -> int:
     asked = parser.parse_args()
     began_s = time.monotonic()
     results: list[Found] = []
+    done = 0
     with ProcessPoolExecutor(cpu_count()) as pool:
         for result in pool.map(partial(found, asked.seed), range(asked.draws), chunksize=4):
-            results.append(result)
-            if len(results) % 100 == 0:
-                print(f"{len(results)} of {asked.draws} draws, {time.monotonic() - began_s:.0f} s", flush=True)
+            done += 1
+            results += [] if result is None else [result]
+            if done % 100 == 0:
+                print(f"{done} of {asked.draws} draws, {time.monotonic() - began_s:.0f} s", flush=True)
     worst = {name: max(results, key=lambda r: r.largest[name]) for name in results[0].largest}
     print("\nlargest share of each limit, by the full model at that very point:")
     for name, result in worst.items():

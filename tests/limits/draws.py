@@ -70,10 +70,12 @@ class Shares(NamedTuple):
     amplifier_current: np.ndarray
 
 
-def drawn(reference: ModelDescription, rng: np.random.Generator, coarse: bool = False) -> Draw:
-    """A draw, with the usual surface or a coarse one."""
+def drawn(reference: ModelDescription, rng: np.random.Generator, coarse: bool = False) -> Draw | None:
+    """A draw, with the usual surface or a coarse one; None for a finger that sticks to the screen by itself."""
     description, limits = _model(reference, rng), _limits(rng)
     file = build_surface(description, limits, axes_within(description, COARSE if coarse else SurfaceAxes()))
+    if not np.isfinite(file.cof).any():
+        return None
     table = table_of(file.worst_case)
     policy = str(rng.choice(list(POLICIES)))
     low, high = np.log(file.frequency_hz[[0, -1]])

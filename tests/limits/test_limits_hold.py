@@ -19,6 +19,8 @@ def test_nothing_that_goes_out_exceeds_a_limit_by_the_full_model(part):
     reference, went_out = load_model("reference"), 0
     for k in range(part, DRAWS, PARTS):
         draw = drawn(reference, np.random.default_rng([1, k]), coarse=True)
+        if draw is None:
+            continue
         assert not draw.refused, (k, draw.refused[0], draw.about)
         went_out += len(draw.points)
         for voltages_v in ([point.voltage_v for point in draw.points], draw.full_scale_v):

@@ -12,7 +12,11 @@ import pytest
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.surface import NO_CAPS, cof_at, invert
+from haptic_driver.surface.build import SurfaceAxes, build_surface
 from haptic_driver.surface.file import CofInterval, cof_interval_at, read_surface, ready_for_lookup
+from model.conditions import Conditions
+from model.parameters import Parameter
+from model.touch_model import TouchModel
 
 NUMBERS = ("frequency_hz", "voltage_v", "normal_force_n", "cof", "electrostatic_force_n", "current_rms_a")
 MORE_NUMBERS = ("stuck_current_a_per_v", "electrode_gain", "slew_v_per_s")
@@ -331,3 +335,25 @@ def test_the_rigs_limits_are_applied_and_not_those_of_the_file(make_file):
     for allowed_v in (17.0, 83.0):
         surface = ready_for_lookup(file, replace(WIDE, voltage_v=allowed_v))
         assert invert(surface, math.inf, 300.0, 0.5, NO_CAPS).voltage_v == pytest.approx(allowed_v, rel=1e-6)
+
+
+def test_a_finger_that_sticks_by_itself_has_no_surface(make_file):
+    file = make_file(FREQUENCY, FORCE, VOLTAGE, cof=np.full(SHAPE, np.nan))
+    with pytest.raises(BadInputError) as refused:
+        ready_for_lookup(file, WIDE)
+    assert refused.value.code == "no_equilibrium"
+
+
+@pytest.mark.parametrize("force_n", [0.1, 0.35, 0.8, 1.7, 2.0])
+def test_friction_without_voltage_follows_the_load(model_description, limits, force_n):
+    """The lowest load's once held for all: under 2 N a target of 0.55 gave 1.01, and was called reachable."""
+    effect = {"load_dependent_friction": {"exponent": Parameter(1.3, "1", "")}}
+    model = replace(model_description, effect_parameters=effect)
+    surface = ready_for_lookup(build_surface(model, limits, SurfaceAxes(frequency_count=8, voltage_count=8)), limits)
+    for voltage_v in (0.0, 60.0):
+        at = (np.array([x]) for x in (200.0, voltage_v, force_n))
+        expected = TouchModel(model).predict(Conditions(*at)).cof[0]
+        # friction at 60 V lies between two nodes of frequency and of voltage
+        assert cof_at(surface, 200.0, voltage_v, force_n) == pytest.approx(
+            expected, rel=1e-4 if not voltage_v else 0.03
+        )
