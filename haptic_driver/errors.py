@@ -50,7 +50,7 @@ def optional(module: str, extra: str, what: str) -> Any:
         raise HapticError("missing_package", said, f"Install it: pip install 'haptic-driver[{extra}]'") from error
 
 
-def message_of(error: Exception) -> str:
+def message_of(error: BaseException) -> str:
     """What an error says, of whatever kind it is; one that is none of ours with the name of its kind."""
     said = getattr(error, "message", None)
     return said if isinstance(said, str) else f"{type(error).__name__}: {error}"

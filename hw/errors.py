@@ -37,6 +37,12 @@ class BadReply(DeviceError):
     code = "bad_reply"
 
 
+class NotBelieved(DeviceError):
+    """A reading that cannot be true."""
+
+    code = "not_believed"
+
+
 class LimitExceeded(DeviceError):
     """Refused before anything was sent to the device."""
 

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from math import nan
 
 from haptic_driver.daemon.touch_by_current import Felt, TouchByCurrent
-from haptic_driver.errors import HapticError
+from haptic_driver.errors import HapticError, message_of
+from haptic_driver.processes.patience import join_within
 from haptic_driver.surface.models import load_model
 from hw.errors import DeviceError
 from hw.force.sensor import ForceReading
@@ -56,7 +57,7 @@ class CurrentSensor:
         """End."""
         self._ending.set()
         if self._thread.is_alive():
-            self._thread.join()
+            join_within(AGE_S, [self._thread])
 
     def _run(self) -> None:
         name, touch = "", None
@@ -70,6 +71,8 @@ class CurrentSensor:
                 self._failed = error
             except HapticError as error:  # a model's file that has gone meanwhile
                 self._failed = DeviceError(error.message, error.hint)
+            except BaseException as error:  # of a plug-in
+                self._failed = DeviceError(message_of(error), "a fault of the electrode monitor's driver")
             else:
                 self._failed = None
 

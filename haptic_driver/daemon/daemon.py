@@ -36,12 +36,13 @@ from haptic_driver.daemon.messages import (
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.recordings import Recordings
 from haptic_driver.daemon.set_up import DaemonSettings
-from haptic_driver.daemon.supervision import Supervisor
+from haptic_driver.daemon.supervision import END_S, Supervisor
 from haptic_driver.daemon.targets import Targets
 from haptic_driver.daemon.timing import advice, timing_of
 from haptic_driver.daemon.watchers import WATCHERS, Watched
 from haptic_driver.daemon.web import drawings
 from haptic_driver.errors import HapticError, message_of
+from haptic_driver.processes.patience import join_within
 from haptic_driver.processes.shared_memory import RING_SAMPLES, Output, SharedState
 from haptic_driver.recording.clock import clock_offsets
 from haptic_driver.recording.event import Event
@@ -57,9 +58,17 @@ TIMED_SAMPLES = 1000
 
 
 class Daemon:
-    """What a client may ask of a rig, thread-safe; starts in `__enter__`, ends with the output off in `close`."""
+    """What a client may ask of a rig, thread-safe; starts in `__enter__`, ends with the output off in `close`.
 
-    def __init__(self, settings: DaemonSettings, clock: Callable[[], float] = time.monotonic) -> None:
+    Once `ended` is set nothing is waited for any more, not even while it starts; `close` is still to be called.
+    """
+
+    def __init__(
+        self,
+        settings: DaemonSettings,
+        clock: Callable[[], float] = time.monotonic,
+        ended: threading.Event | None = None,
+    ) -> None:
         identified = calibration_ids(settings.config)  # may fail, and holds nothing yet
         self._clock = clock
         self.shared = shared = SharedState()
@@ -70,7 +79,7 @@ class Daemon:
         self.basis = basis = Basis(settings, shared, events, self._loader)
         self._targets = targets = Targets(shared, orders, events, clock, partial(_reachable, basis), self._loader)
         self._recordings = Recordings(shared, events, lambda: basis.settings, identified)
-        self.supervisor = Supervisor(settings, shared, orders, events, clock)
+        self.supervisor = Supervisor(settings, shared, orders, events, clock, ended)
         basis.among(orders, targets, self._recordings, self.supervisor)
         self._watched = Watched(
             shared,
@@ -108,8 +117,7 @@ class Daemon:
         with suppress(HapticError):
             self.disarm()
         self._ending.set()
-        for thread in self._threads:
-            thread.join()
+        join_within(END_S, self._threads)
         self.supervisor.end()
         self.basis.close()
         self._loader.close()
@@ -151,7 +159,7 @@ class Daemon:
                     watch(self._watched, now_s)
                 self._recordings.watch()
                 self.supervisor.watch(now_s)
-            except Exception as error:  # whatever it is: watching goes on, with the output off
+            except BaseException as error:  # whatever it is: watching goes on, with the output off
                 self._orders.fail(message_of(error))
             ending.wait(WATCH_PERIOD_S)
 

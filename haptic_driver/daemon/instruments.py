@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable, Mapping
-from math import isfinite
 
 from haptic_driver.daemon.current_sensor import CurrentSensor, ReadElectrode
+from haptic_driver.daemon.readings import Readings
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.shared_memory import Sensed
 from haptic_driver.rig.actuator import make_actuator
@@ -36,29 +36,24 @@ class Instruments:
 
     def __init__(self, config: RigConfig, devices: Devices, tracker: FingerTracker, electrode: ReadElectrode) -> None:
         self.devices = devices
-        self._force: ForceSensor = devices.force_sensor
         self._config, self._electrode = config, electrode
         self._current: CurrentSensor | None = None
         self.rig = devices.rig
         self.actuator = make_actuator(config, devices.rig)
         self.sensor_period_s = SENSOR_PERIOD_S
-        self._tracker = tracker
+        self._readings = Readings(config, tracker.read, devices.force_sensor.read)
 
     def read(self) -> Sensed:
-        """What the sensors say now; a finger whose place is unknown does not touch. Raises DeviceError."""
-        finger, force = self._tracker.read(), self._force.read()
-        somewhere = isfinite(finger.position_x_m) and isfinite(finger.position_y_m)
-        return Sensed(
-            finger.time_s, finger.position_x_m, finger.position_y_m, finger.touching and somewhere,
-            force.time_s, force.normal_force_n, force.lateral_force_n, force.saturated,
-        )  # fmt: skip
+        """What the sensors say now. Raises DeviceError; NotBelieved for what cannot be true."""
+        return self._readings.read()
 
     def estimate_force(self, carrier_hz: Callable[[], float | None], model: Callable[[], str]) -> None:
         """Read the electrode's current in place of a force sensor that the rig's file says there is not."""
         given = self._config.force_sensor
         if self._config.friction_from_current and isinstance(given, NoForceSensorConfig):
             stray_f = given.stray_capacitance_f
-            self._force = self._current = CurrentSensor(self._electrode, given.load_n, stray_f, carrier_hz, model)
+            self._current = CurrentSensor(self._electrode, given.load_n, stray_f, carrier_hz, model)
+            self._readings.read_force = self._current.read
             self._current.start()
 
     def check_watchdog(self) -> None:

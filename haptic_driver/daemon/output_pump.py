@@ -33,7 +33,7 @@ class OutputPump:
         shared: SharedState,
         interval_s: float,
         linger_s: float,
-        failed: Callable[[Exception], object],
+        failed: Callable[[BaseException], object],
         clock: Callable[[], float],
     ) -> None:
         self.actuator: Actuator | None = None
@@ -147,7 +147,7 @@ class OutputPump:
         was_on = self.output_on
         try:
             actuator.command(now_s, command)
-        except Exception as error:  # the pump goes on
+        except BaseException as error:  # the pump goes on, whatever a plug-in raises
             self._failed(error)
         if self.output_on and not was_on:
             self._up_s = self._clock() + START_S  # after the dialogue, which takes as long as it likes

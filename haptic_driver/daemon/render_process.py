@@ -287,7 +287,9 @@ class Renderer:
         return doubts
 
     def _is_stale(self, sensed: Sensed, now_s: float) -> bool:
-        return now_s - min(sensed.finger_time_s, sensed.force_time_s) > self._settings.stale_s
+        """Whether a reading is not of now: too old, as far ahead, or of no time at all."""
+        finger_s, force_s, stale_s = sensed.finger_time_s, sensed.force_time_s, self._settings.stale_s
+        return not (abs(now_s - finger_s) <= stale_s and abs(now_s - force_s) <= stale_s)
 
     def _is_elsewhere(self, finger: FingerState, age_s: float) -> bool:
         """Whether the finger may be where the texture asks for quite another friction."""

@@ -77,7 +77,7 @@ def _serve_until(
     announce: Callable[[Path, str | None], None],
 ) -> bool | None:
     """Whether the output is on at the end; None: unknown."""
-    daemon = Daemon(settings)
+    daemon = Daemon(settings, ended=ended)
     daemon.start()
     try:
         page_folder = PAGE_FOLDER if PAGE_FOLDER.is_dir() else None

@@ -10,10 +10,11 @@ import numpy as np
 
 from haptic_driver.daemon.envelope_process import EnvelopeLoop
 from haptic_driver.daemon.output_pump import OutputPump
+from haptic_driver.daemon.readings import Readings
 from haptic_driver.daemon.render_process import Renderer, RenderSettings
 from haptic_driver.daemon.set_up import reach_hz
 from haptic_driver.processes.real_time import Due
-from haptic_driver.processes.shared_memory import Order, Sensed, SharedState
+from haptic_driver.processes.shared_memory import Order, SharedState
 from haptic_driver.render.texture import Target, Texture
 from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.devices import modulation_input
@@ -41,7 +42,7 @@ class SteppedDaemon:
     def __init__(self, settings: RenderSettings, bench: SimulatedRig, texture: Target) -> None:
         self.bench = bench
         self.shared = SharedState()
-        self.failures: list[Exception] = []
+        self.failures: list[BaseException] = []
         output = bench.config.output
         self._pump = OutputPump(
             self.shared, output.setpoint_interval_s, output.linger_s, self.failures.append, self._now_s
@@ -58,6 +59,7 @@ class SteppedDaemon:
             close=lambda: os.close(self._panel.descriptor),
         )
         self._screen = TouchScreen(reports, SCREEN, clock=self._now_s)
+        self._readings = Readings(bench.config, self._screen.read, bench.read_force, self._now_s)
         self._order = BEGUN
         self._ticks = 0
         self.play(texture)
@@ -87,7 +89,7 @@ class SteppedDaemon:
             self._panel.put(position_m, FINGER_Y_M)
         else:
             self._panel.lift()
-        self.shared.sensed.write(self._sensed())
+        self.shared.sensed.write(self._readings.read())
         self.shared.order.write(self._order._replace(beat_s=now_s))
         self._pump.turn(now_s)  # what render said a tick ago
         self._renderer.step(Due(self._ticks, now_s, 0.0, 0))
@@ -105,20 +107,6 @@ class SteppedDaemon:
 
     def _now_s(self) -> float:
         return self.bench.instruments.time_s
-
-    def _sensed(self) -> Sensed:
-        finger, force = self._screen.read(), self.bench.read_force()
-        somewhere = math.isfinite(finger.position_x_m)
-        return Sensed(
-            finger.time_s,
-            finger.position_x_m,
-            finger.position_y_m,
-            finger.touching and somewhere,
-            force.time_s,
-            force.normal_force_n,
-            force.lateral_force_n,
-            force.saturated,
-        )
 
     def _envelope_loop(self) -> EnvelopeLoop | None:
         config, output = self.bench.config, self.bench.analog_output

@@ -24,16 +24,18 @@ from haptic_driver.daemon.output_pump import OUTPUT_STALE_S
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.errors import HapticError, message_of
 from haptic_driver.processes.child import Child
+from haptic_driver.processes.patience import join_within
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.rig.devices import modulation_input
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.rig import require_verified
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import SLIDING_M_S
-from hw.errors import DeviceError
+from hw.errors import DeviceError, NotBelieved
 from hw.force.sensor import ForceSensor
 
 START_TIMEOUT_S = 240.0  # compiling all kernels, on a busy machine
+END_S = 5.0  # at most for threads in which a device may hang, with the output off
 LOOK_PERIOD_S = 0.2  # between looks at the rig and its watchdog
 SENSOR_RETRY_S = 0.02
 LOST_S = 2.0  # so long: a silent render is started anew; sensors that fail or an unknown output: all connected anew
@@ -53,7 +55,7 @@ class Supervisor:
 
     def __init__(
         self, settings: DaemonSettings, shared: SharedState, orders: Orders, events: EventLog,
-        clock: Callable[[], float],
+        clock: Callable[[], float], ended: threading.Event | None = None,
     ) -> None:  # fmt: skip
         self.missing = "the daemon is starting"
         self.instruments: Instruments | None = None
@@ -70,7 +72,7 @@ class Supervisor:
         self._sensors_failed: tuple[float, str] | None = None  # since when, and why
         self._unknown_since_s: float | None = None  # that the output may be on or off
         self._restarting = threading.Lock()
-        self._ending = threading.Event()
+        self._ending = threading.Event() if ended is None else ended
         self._threads: list[threading.Thread] = []
 
     @property
@@ -103,7 +105,8 @@ class Supervisor:
                 last_s["the envelope's writer"] = self._shared.played.read().time_s
             silent = ", ".join(f"{who} is silent" for who, time_s in last_s.items() if now_s - time_s > OUTPUT_STALE_S)
             if not silent or now_s >= until_s or self._ending.wait(SILENCE_POLL_S):
-                return silent
+                failed = self._sensors_failed
+                return f"{silent} ({failed[1]})" if silent and failed is not None else silent
 
     def refuse_unless_ready(self, settings: DaemonSettings, state: DaemonState) -> None:
         """RefusedError with what keeps the output off; of a fault the state machine speaks itself."""
@@ -157,10 +160,9 @@ class Supervisor:
             raise
 
     def end(self) -> None:
-        """Begin nothing any more; returns when all threads have ended."""
+        """Begin nothing any more; returns when all threads have ended, but for one that hangs in a device."""
         self._ending.set()
-        for thread in self._threads:
-            thread.join()
+        join_within(END_S, self._threads)
 
     def close(self) -> bool | None:
         """Switch off and end everything, after `end`; whether the output is on (None: unknown). Never raises."""
@@ -247,11 +249,18 @@ class Supervisor:
                 if instruments is not None:
                     self._shared.sensed.write(instruments.read())
                     self._sensors_failed, pause_s = None, instruments.sensor_period_s
-            except Exception as error:
-                if self._sensors_failed is None:
-                    self._sensors_failed = self._clock(), message_of(error)
-                    self._events.tell("flag", f"sensors: {message_of(error)}")
+            except BaseException as error:  # a plug-in may raise SystemExit, which would end this thread unheard
+                self._sensors_fail(error)
             time.sleep(pause_s)
+
+    def _sensors_fail(self, error: BaseException) -> None:
+        """A sensor that is late may be back at once; one that says what cannot be is a fault from the first time on."""
+        said = f"sensors: {message_of(error)}"
+        if self._sensors_failed is None:
+            self._sensors_failed = self._clock(), message_of(error)
+            self._events.tell("flag", said)
+        if isinstance(error, NotBelieved):
+            self._orders.fail(f"{said}: {error.hint}")
 
     def _look_at(self, instruments: Instruments, now_s: float) -> None:
         if why := self._why_lost(instruments, now_s):
@@ -299,7 +308,7 @@ class Supervisor:
             try:
                 self._restart(name)
                 self._await_heard()
-            except Exception as error:
+            except BaseException as error:
                 said, before = f"{name}: cannot be started again: {message_of(error)}", self.missing
                 self.missing = said
                 if said != before:  # one thing once

@@ -236,6 +236,17 @@ class OutputConfig(Section):
     linger_s: Annotated[FiniteFloat, Field(ge=0.0, le=60.0)] = 10.0
 
 
+class ScreenConfig(Section):
+    """How large the touch screen is, from its corner at x = y = 0; a finger farther off is not believed.
+
+    The usual size is that of the largest touch screens. `margin_m`: so far beyond an edge half a fingertip may be told.
+    """
+
+    width_m: Annotated[FiniteFloat, Field(gt=0.0, le=2.0)] = 0.6
+    height_m: Annotated[FiniteFloat, Field(gt=0.0, le=2.0)] = 0.4
+    margin_m: Annotated[FiniteFloat, Field(ge=0.0, le=0.05)] = 0.01
+
+
 class FingerConfig(Section):
     """How the finger is read."""
 
@@ -293,6 +304,7 @@ class RigConfig(Section):
     analog_output: SomeOutput = NoAnalogOutput()
     stage: StageConfig | None = None
     finger_tracker: SomeTracker = NoFingerTracker()
+    screen: ScreenConfig = ScreenConfig()
     output: OutputConfig = OutputConfig()
     finger: FingerConfig = FingerConfig()
     controller: ControllerConfig = ControllerConfig()

@@ -14,6 +14,7 @@ from math import ceil
 from typing import Self
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.processes.patience import done_within
 from haptic_driver.rig import config as rig_config
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import OffEvidence, tried
@@ -46,6 +47,7 @@ from hw.transport.marker import scpi_marker
 from hw.transport.resource import make_transport
 from hw.transport.serial import SerialTransport
 
+CLOSE_S = 10.0  # for one device, with the output off
 ATTEMPTS = 4  # at opening: nothing is on yet, and a busy machine may let nobody answer in time
 
 
@@ -78,10 +80,13 @@ class Devices:
             raise
 
     def close(self) -> OffEvidence:
-        """Switch off, close everything, and return what is known about the output. Never raises."""
+        """Switch off, close everything, and return what is known about the output. Never raises.
+
+        A device that hangs keeps nobody from the next.
+        """
         evidence = self.rig.close()
         for step in self.closing:
-            tried(step, None)
+            done_within(CLOSE_S, partial(tried, step, None))
         return evidence
 
     def __enter__(self) -> Self:

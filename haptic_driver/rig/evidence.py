@@ -50,7 +50,7 @@ def tried(step: Callable[[], Found], otherwise: Found) -> Found:
     """One step on the way off; whatever fails in it is logged, and keeps nobody from the next."""
     try:
         return step()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         _log.warning("on the way off: %s", error, exc_info=not isinstance(error, DeviceError))
         return otherwise
 

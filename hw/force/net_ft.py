@@ -110,6 +110,7 @@ class NetFt:
         self._newest: Wrench | None = None
         self._sequences: tuple[int, int] | None = None
         self._looked_s = 0.0
+        self._arrived_s = -math.inf  # of the newest record
 
     def open(self) -> None:
         """Start the stream and wait for its first record; does nothing when open.
@@ -125,6 +126,7 @@ class NetFt:
             with suppress(OSError):  # not everywhere
                 self._socket.setsockopt(socket.SOL_SOCKET, _TIMESTAMP, 1)
             self.counters, self._newest, self._sequences = RdtCounters(), None, None
+            self._arrived_s = -math.inf
             self._looked_s = self._clock()
             try:
                 self._send(Command.STREAM)
@@ -246,11 +248,14 @@ class NetFt:
             elif len(data) != RECORD.size:
                 self.counters.wrong_length += 1
             else:
-                self._take(data, believed, self._arrived_s(told))
+                self._take(data, believed, self._time_s(told))
         self._looked_s = self._clock()
 
-    def _arrived_s(self, told: list[tuple[int, int, bytes]]) -> float:
-        """When the kernel took a record in, which may be long before anybody looks; now where it does not say."""
+    def _time_s(self, told: list[tuple[int, int, bytes]]) -> float:
+        """When the kernel took a record in, which may be long before anybody looks; now where it does not say.
+
+        The kernel tells it by the clock of the day, which may be set meanwhile: times never go back for that.
+        """
         now_s = self._clock()
         for level, kind, content in told:
             if (level, kind) == (socket.SOL_SOCKET, _TIMESTAMP) and len(content) >= _TIMESPEC.size:
@@ -270,7 +275,8 @@ class NetFt:
         fx, fy, fz = (count / scale.counts_per_n for count in counts[:3])
         tx, ty, tz = (count / scale.counts_per_n_m for count in counts[3:])
         faulty = status & ~self._settings.ignored_status != 0
-        self._newest = Wrench(arrived_s, (fx, fy, fz), (tx, ty, tz), faulty) if believed else None
+        self._arrived_s = max(self._arrived_s, arrived_s)
+        self._newest = Wrench(self._arrived_s, (fx, fy, fz), (tx, ty, tz), faulty) if believed else None
 
     def _advances(self, rdt_sequence: int, f_t_sequence: int) -> bool:
         """Count what is wrong with the record's place in the stream; False when it is no news."""

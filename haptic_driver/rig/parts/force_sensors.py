@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, FiniteFloat
 
@@ -15,18 +15,36 @@ if TYPE_CHECKING:
     from hw.force.sensor import GaugeForceSensor, NoForceSensor
 
 
-class SimulatedForceSensorConfig(PartSection):
+Range = Annotated[FiniteFloat, Field(gt=0.0, le=200.0)]
+
+
+class ForceSensorSection(PartSection):
+    """What every force sensor has: how far it measures, of either sign. A reading beyond is not believed.
+
+    The usual range is that of a sensor under a fingertip, which slides with less than 10 N. One that does not
+    `measures_lateral` says NaN there.
+    """
+
+    measures_lateral: ClassVar[bool] = True
+
+    normal_range_n: Range = 50.0
+    lateral_range_n: Range = 50.0
+
+
+class SimulatedForceSensorConfig(ForceSensorSection):
     """The simulated rig's own."""
 
     kind: Literal["simulated"]
 
 
-class NoForceSensorConfig(PartSection):
+class NoForceSensorConfig(ForceSensorSection):
     """None, said plainly: every finger is taken to press with `load_n`.
 
     Where the rig reads the electrode, the daemon estimates load and friction from its current; of that
     `stray_capacitance_f` is what flows without a finger.
     """
+
+    measures_lateral = False
 
     kind: Literal["none"]
     load_n: Positive = 0.5
@@ -40,7 +58,7 @@ def make_none(section: NoForceSensorConfig, wiring: Wiring) -> Part[NoForceSenso
     return Part(NoForceSensor(section.load_n))
 
 
-class NiForceSensorConfig(PartSection):
+class NiForceSensorConfig(ForceSensorSection):
     """An ATI transducer on the card of `[analog_inputs]`: six channels, gauges 0 to 5 in order.
 
     The calibration file's path counts from the rig's file.
@@ -87,7 +105,7 @@ def make_ni(section: NiForceSensorConfig, wiring: Wiring) -> Part[GaugeForceSens
     return Part(gauges, zeroing=[gauges.take_bias])
 
 
-class NetFtForceSensorConfig(PartSection):
+class NetFtForceSensorConfig(ForceSensorSection):
     """An ATI Net F/T box; see `hw.force.net_ft.NetFtSettings`."""
 
     kind: Literal["net_ft"]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from functools import partial
 
 import pytest
@@ -45,3 +48,12 @@ def daemon(running):
 def history(settings):
     """(time_s, voltage_v) of every change at the electrode after a time."""
     return partial(electrode.history, settings.amplifier_record)
+
+
+@pytest.fixture
+def simulated():
+    """`haptic simulate`, and where its instruments are."""
+    command = [sys.executable, "-c", "from haptic_driver.cli.main import run; run()", "simulate", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        yield process, json.loads(process.stdout.readline())["endpoints"]
+        process.kill()

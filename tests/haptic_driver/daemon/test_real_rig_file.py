@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import socket
@@ -27,15 +26,6 @@ TRACKER = """
 kind = "recorded"
 file = "slide.csv"
 """
-
-
-@pytest.fixture
-def simulated():
-    """`haptic simulate`, and where its instruments are."""
-    command = [sys.executable, "-c", "from haptic_driver.cli.main import run; run()", "simulate", "--json"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        yield process, json.loads(process.stdout.readline())["endpoints"]
-        process.kill()
 
 
 @pytest.fixture

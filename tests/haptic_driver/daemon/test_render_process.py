@@ -100,6 +100,18 @@ def test_no_output_before_anything_is_asked_for(bench):
     assert bench.flags() == Flag(0)
 
 
+@pytest.mark.parametrize("wrong_s", [math.nan, math.inf, -math.inf, 1.7e9, 1000.0 + 1e3])
+@pytest.mark.parametrize("which", ["finger_time_s", "force_time_s"])
+def test_a_reading_without_a_time_or_from_the_future_is_stale(bench, which, wrong_s):
+    """Control refuses it first; here is the last place where it could count as fresh."""
+    bench.render(0.65)
+    assert bench.run(0.1)[-1].output_on
+    bench.sensing = False
+    bench.shared.sensed.write(bench.shared.sensed.read()._replace(**{which: wrong_s}))
+    assert bench.run(0.08)[-1].voltage_v == 0.0
+    assert bench.flags() == Flag.STALE_SENSOR
+
+
 def test_a_target_is_rendered_while_the_finger_touches(bench):
     bench.render(0.65)
     outputs = bench.run(0.1)

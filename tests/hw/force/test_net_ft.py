@@ -310,3 +310,21 @@ def test_a_record_has_the_time_at_which_it_came_and_not_at_which_somebody_looked
         time.sleep(0.1)
         assert before_s - 0.01 <= device.read().time_s <= after_s + 0.05  # the thread that sends is this one
         device.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel's times of arrival are Linux's")
+def test_times_do_not_go_back_when_the_clock_of_the_day_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel tells arrivals by that clock: one set forward between arrival and look makes a record look older."""
+    with FaultyNetFt(lambda: LOAD, rate_hz=None) as box:
+        device = client_of(box.port)
+        device.open()
+        box.emit(1)
+        before_s = device.read().time_s
+        own = time.time_ns
+        monkeypatch.setattr(time, "time_ns", lambda: own() + 50_000_000)
+        heard = device.counters.accepted
+        box.emit(1)
+        while device.counters.accepted == heard:
+            after_s = device.read().time_s
+        assert after_s >= before_s
+        device.close()

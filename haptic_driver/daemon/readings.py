@@ -1,0 +1,110 @@
+"""Which readings are believed: the one way from a finger tracker and a force sensor into the shared memory.
+
+A reading is believed if its time lies between the last one and now, and its values within what the rig's file says that
+the sensor can measure and the screen is large. Anything else is a fault. A frozen sensor is stale by its own times, so
+these must not be ahead; and a place or a force that cannot be would choose a voltage for a finger that is not there.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+
+from haptic_driver.processes.shared_memory import Sensed
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.parts.force_sensors import ForceSensorSection
+from hw.errors import NotBelieved
+from hw.finger.tracker import FingerReading
+from hw.force.sensor import ForceReading
+
+# A driver that takes its sensor's clock to ours is off by its own delays, some ms at most. Output ends 100 ms after
+# the last reading: 5 ms more of it are none that a finger feels.
+SLACK_S = 0.005
+
+STAMPS = "its driver has to stamp readings with the time of CLOCK_MONOTONIC (time.monotonic)"
+
+
+class Readings:
+    """Asks both, and believes what can be true on this rig. `clock` is the one by which readings are stamped."""
+
+    def __init__(
+        self,
+        config: RigConfig,
+        read_finger: Callable[[], FingerReading],
+        read_force: Callable[[], ForceReading],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        section = config.force_sensor
+        self.read_force = read_force
+        self._read_finger = read_finger
+        self._clock = clock
+        self._screen = config.screen
+        self._force = section if isinstance(section, ForceSensorSection) else ForceSensorSection(kind="")
+        kind = "simulated" if section is None else section.kind
+        self._sensor = f"the force sensor ({kind})"
+        self._tracker = f"the finger tracker ({'simulated' if config.simulated else config.finger_tracker.kind})"
+        self._finger_s = self._force_s = -math.inf
+
+    def read(self) -> Sensed:
+        """What both say now, its times in order and not ahead. Raises DeviceError; NotBelieved for what cannot be."""
+        finger, force = self._read_finger(), self.read_force()
+        now_s = self._clock()
+        self._finger_s = _believed_time_s(self._tracker, finger.time_s, self._finger_s, now_s)
+        self._force_s = _believed_time_s(self._sensor, force.time_s, self._force_s, now_s)
+        for said, hint in (*self._not_on_screen(finger), *self._not_measured(force)):
+            raise NotBelieved(said, hint)
+        return Sensed(
+            self._finger_s,
+            finger.position_x_m,
+            finger.position_y_m,
+            finger.touching,
+            self._force_s,
+            force.normal_force_n,
+            force.lateral_force_n,
+            force.saturated,
+        )
+
+    def _not_on_screen(self, finger: FingerReading) -> Iterator[tuple[str, str]]:
+        """What is wrong with the place of a finger that touches; of another it says nothing."""
+        screen, x_m, y_m = self._screen, finger.position_x_m, finger.position_y_m
+        within = _is_within(x_m, screen.width_m, screen.margin_m) and _is_within(y_m, screen.height_m, screen.margin_m)
+        if finger.touching and not within:
+            yield (
+                f"{self._tracker} puts the finger at x {x_m:.4g} m, y {y_m:.4g} m, "
+                f"on a screen of {screen.width_m:g} m by {screen.height_m:g} m",
+                "correct its calibration, or screen.width_m and screen.height_m in the rig's file",
+            )
+
+    def _not_measured(self, force: ForceReading) -> Iterator[tuple[str, str]]:
+        """What is wrong with forces that the sensor itself does not disown; NaN is one that it does not measure."""
+        section, lateral_n = self._force, force.lateral_force_n
+        forces = [("normal", force.normal_force_n, section.normal_range_n)]
+        if section.measures_lateral or not math.isnan(lateral_n):
+            forces.append(("lateral", lateral_n, section.lateral_range_n))
+        for name, force_n, range_n in forces:
+            if not force.saturated and not abs(force_n) <= range_n:
+                yield (
+                    f"{self._sensor} reads a {name} force of {force_n:.4g} N, and measures up to {range_n:g} N",
+                    f"look at the sensor and its scale, or correct force_sensor.{name}_range_n in the rig's file",
+                )
+
+
+def _believed_time_s(who: str, time_s: float, last_s: float, now_s: float) -> float:
+    """The time of a reading, which may be that of the last one; NotBelieved where it is neither that nor later.
+
+    What lies outside by no more than SLACK_S is moved inside.
+    """
+    if not last_s - SLACK_S <= time_s <= now_s + SLACK_S or not math.isfinite(time_s):
+        if time_s > now_s:
+            said = f"{who} gives a reading of {time_s - now_s:.4g} s after now"
+        elif time_s < last_s:
+            said = f"{who} gives a reading of {last_s - time_s:.4g} s before the last one"
+        else:
+            said = f"{who} gives a reading of time {time_s}"
+        raise NotBelieved(said, STAMPS)
+    return min(max(time_s, last_s), now_s)
+
+
+def _is_within(place_m: float, size_m: float, margin_m: float) -> bool:
+    return -margin_m <= place_m <= size_m + margin_m

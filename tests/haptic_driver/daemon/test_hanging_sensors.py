@@ -1,0 +1,103 @@
+"""A sensor's driver from outside that hangs does not keep the daemon from ending, with the output off."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.haptic_driver.config_texts import changed, served_rig_text
+from tests.haptic_driver.daemon.waiting import until_ready
+from tests.waiting import HANG_S, until
+
+PLUGIN = '''
+"""A finger tracker that says where the finger is, until a file is there; then it hangs, in closing too."""
+
+import time
+from pathlib import Path
+from typing import Literal
+
+from haptic_driver.rig.part import Part, PartKind, PartSection
+from hw.finger.tracker import FingerReading
+
+
+class Section(PartSection):
+    kind: Literal["lab_finger"]
+    folder: str
+
+
+class LabFinger:
+    def __init__(self, folder):
+        self.folder = Path(folder)
+
+    def hang(self):
+        while (self.folder / "hang").exists():
+            (self.folder / "hangs").touch()
+            time.sleep(0.01)
+
+    def read(self):
+        self.hang()
+        return FingerReading(time.monotonic(), 0.03, 0.03, True)
+
+
+def make(section, wiring):
+    finger = LabFinger(section.folder)
+    return Part(finger, closing=[finger.hang])
+
+
+KIND = PartKind(Section, make)
+'''
+RIG = """
+[finger_tracker]
+kind = "lab_finger"
+folder = "{folder}"
+"""
+
+
+@pytest.fixture
+def start(simulated, tmp_path):
+    """Starts the daemon on a rig whose tracker is the plug-in's."""
+    (tmp_path / "lab_finger.py").write_text(PLUGIN)
+    about = tmp_path / "lab_finger-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: lab-finger\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[haptic_driver.finger_trackers]\nlab_finger = lab_finger:KIND\n")
+    rig = tmp_path / "lab.toml"
+    text = changed(served_rig_text(simulated[1]), ("[watchdog]", "[watchdog]\ngive_up_s = 2.0"))
+    rig.write_text(text + RIG.format(folder=tmp_path))
+    command = [Path(sys.executable).with_name("haptic"), "daemon", "run", "--rig", rig, "--allow-no-rt"]
+    command += ["--socket", tmp_path / "daemon.sock"]
+    started = []
+
+    def begin():
+        environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+        process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+        started.append(process)
+        return process
+
+    yield begin
+    for process in started:
+        process.kill()
+        process.wait()
+        process.stderr.close()
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("from_the_start", [True, False])
+def test_a_tracker_that_hangs_does_not_keep_the_daemon_from_ending(start, tmp_path, from_the_start):
+    if from_the_start:
+        (tmp_path / "hang").touch()
+    process = start()
+    if not from_the_start:
+        until_ready(process)
+        (tmp_path / "hang").touch()
+    until((tmp_path / "hangs").exists)
+    process.send_signal(signal.SIGTERM)
+    _, said = process.communicate(timeout=HANG_S)
+    assert process.returncode == 0, said
+    assert "the output is off" in said
+    assert "hangs and is left alone" in said
