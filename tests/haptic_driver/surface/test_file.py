@@ -353,7 +353,5 @@ def test_friction_without_voltage_follows_the_load(model_description, limits, fo
     for voltage_v in (0.0, 60.0):
         at = (np.array([x]) for x in (200.0, voltage_v, force_n))
         expected = TouchModel(model).predict(Conditions(*at)).cof[0]
-        # friction at 60 V lies between two nodes of frequency and of voltage
-        assert cof_at(surface, 200.0, voltage_v, force_n) == pytest.approx(
-            expected, rel=1e-4 if not voltage_v else 0.03
-        )
+        between_nodes = 0.03 if voltage_v else 1e-3  # of frequency, voltage and load, or of load alone
+        assert cof_at(surface, 200.0, voltage_v, force_n) == pytest.approx(expected, rel=between_nodes)
