@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
 from haptic_driver.render.policies import POLICIES
@@ -74,13 +75,15 @@ def drawn(reference: ModelDescription, rng: np.random.Generator, coarse: bool = 
     """A draw, with the usual surface or a coarse one; None for a finger that sticks to the screen by itself."""
     description, limits = _model(reference, rng), _limits(rng)
     file = build_surface(description, limits, axes_within(description, COARSE if coarse else SurfaceAxes()))
-    if not np.isfinite(file.cof).any():
+    try:
+        lookup = ready_for_lookup(file, limits)
+    except BadInputError:
         return None
     table = table_of(file.worst_case)
     policy = str(rng.choice(list(POLICIES)))
     low, high = np.log(file.frequency_hz[[0, -1]])
     settings = ControllerSettings(
-        ready_for_lookup(file, limits),
+        lookup,
         limits,
         policy,
         float(np.exp(rng.uniform(low, high))),
