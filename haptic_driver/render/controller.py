@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import nan
+from math import hypot, nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +23,7 @@ from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains, InF
 from haptic_driver.render.policies import chosen_by
 from haptic_driver.render.surface import (
     NO_CAPS,
+    ON_NODE,
     Caps,
     Inverse,
     Place,
@@ -137,6 +138,13 @@ class Controller:
             caps=NO_CAPS if np.isnan(choice.fixed_hz) else settings.caps(choice.fixed_hz),
         )
         self.held = hold(control)
+        self._most_n = float(np.exp(surface.log_normal_force[-1])) * (1.0 + ON_NODE)
+        self._most_m_s = np.inf if correction is None else float(np.exp(correction.log_speed[-1]))
+
+    def knows(self, finger: FingerState) -> bool:
+        """Whether the surface was solved for so much load and speed; beyond, the nearest that it knows is taken."""
+        speed_m_s = hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
+        return finger.normal_force_n <= self._most_n and speed_m_s <= self._most_m_s
 
     def step(
         self,

@@ -206,8 +206,8 @@ def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
     force = np.geomspace(nodes[0], nodes[-1], (nodes.size - 1) * FORCE_REFINEMENT + 1)
     known = _cof_under(file, force)
     if not np.isfinite(known).any():
-        said = f"model '{file.provenance['model']['name']}' has nowhere an equilibrium between finger and screen under all loads"
-        raise BadInputError("no_equilibrium", said, "look at its effects: the contact pulls in even without voltage")
+        said = f"by model '{file.provenance['model']['name']}' the finger sticks to the screen without any voltage"
+        raise BadInputError("no_equilibrium", said, "look at its effects: the contact pulls in")
     current = _refined(file.current_rms_a, file, force)
     cof = np.where(np.isfinite(known), known, np.nanmax(known))
 

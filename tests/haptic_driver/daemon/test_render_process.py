@@ -192,6 +192,13 @@ def test_an_order_to_stop_acts_with_the_next_tick(bench):
     assert bench.run(PERIOD_S)[-1].voltage_v == 0.0
 
 
+@pytest.mark.parametrize(("force_n", "is_up"), [(1.9, False), (2.1, True)])
+def test_a_load_beyond_the_surface_is_flagged(bench, force_n, is_up):
+    bench.force_n = force_n
+    bench.render()
+    assert (Flag.OUTSIDE_SURFACE in Flag(bench.run(0.05)[-1].flags)) is is_up
+
+
 def assert_ramps_to_zero(voltages_v, before_v, ramp_s):
     assert all(later <= earlier for earlier, later in pairwise(voltages_v))
     half = voltages_v[round(0.5 * ramp_s / PERIOD_S)]

@@ -12,7 +12,7 @@ from haptic_driver.limits import OperatingLimits
 from haptic_driver.render import safety
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
-from haptic_driver.render.envelope import ahead, straight, synthesise
+from haptic_driver.render.envelope import ahead, full_scale_v, straight, synthesise
 from haptic_driver.render.finger import FingerSettings
 from haptic_driver.render.safety import gate_envelope
 from haptic_driver.render.texture import Grating, Profile, Script, Step, Uniform
@@ -194,3 +194,18 @@ def test_a_refusal_of_the_envelopes_own_gate_is_counted(stages, limits):
     state, powers_v2 = play(strict, steep, 10)
     assert state.safety.rejections >= 1
     assert powers_v2.max() <= 60.0**2
+
+
+def test_the_carrier_is_as_high_as_is_allowed_there_and_no_higher(stages, surface_file, limits):
+    """An open modulation input once put 150 V out at any carrier, up to 4.4 times the current that is allowed."""
+    for carrier_hz in surface_file.frequency_hz[::10]:
+        most_v = full_scale_v(stages, float(carrier_hz))
+        stuck_a = most_v * surface_file.stuck_current_a_per_v[surface_file.frequency_hz == carrier_hz].max()
+        allowed_a = limits.contact_current_limit_a_rms(carrier_hz)
+        assert 0.0 < most_v <= limits.voltage_v
+        assert stuck_a <= allowed_a
+        assert most_v > 0.999 * limits.voltage_v or stuck_a > 0.99 * allowed_a  # nothing is given away
+
+
+def test_where_the_gate_disagrees_there_is_no_carrier(stages, limits):
+    assert full_scale_v(replace(stages, limits=replace(limits, voltage_v=50.0)), CARRIER_HZ) == 0.0
