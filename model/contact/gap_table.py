@@ -128,14 +128,15 @@ def _read(shape: SelfAffineShape, path: Path) -> GapTable | None:
     """The cached table; None where it is absent or damaged, for it is only a cache."""
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            values, mass = file["values"], file["mass"]
+            values, mass, said = file["values"], file["mass"], str(file["content_hash"])
     except (OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile):
         return None
     shapes = (LOG_P_AXIS[2], LOG_Z_AXIS[2], ANGLE_AXIS[2], 3), (LOG_P_AXIS[2], gap_nodes().size)
     for numbers, expected in zip((values, mass), shapes, strict=True):
         if numbers.dtype != np.float64 or numbers.shape != expected or not np.isfinite(numbers).all():
             return None
-    return GapTable(shape, values, mass)
+    table = GapTable(shape, values, mass)
+    return table if table.content_hash == said else None
 
 
 def _write(path: Path, table: GapTable) -> None:
@@ -145,7 +146,7 @@ def _write(path: Path, table: GapTable) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             with part.open("wb") as stream:
-                np.savez(stream, values=table.values, mass=table.mass)
+                np.savez(stream, values=table.values, mass=table.mass, content_hash=np.array(table.content_hash))
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)
