@@ -11,6 +11,7 @@ from haptic_driver.render import envelope
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
 from haptic_driver.render.finger import FingerSettings
+from haptic_driver.render.safety import table_of
 from haptic_driver.render.surface import place_of
 from haptic_driver.render.texture import Grating
 from haptic_driver.render.tick import TickSettings, TickState, tick
@@ -32,9 +33,10 @@ IN_BULK = 2.0
 
 def run() -> Iterator[Claim]:
     limits = load_rig("simulated").operating_limits()
-    surface = ready_for_lookup(build_surface(load_model("reference"), limits), limits)
+    file = build_surface(load_model("reference"), limits)
+    surface, worst_case = ready_for_lookup(file, limits), table_of(file.worst_case)
     controller = Controller(ControllerSettings(surface, limits, "fixed_frequency", 250.0))
-    stages = TickSettings(FingerSettings(), Grating(0.7, 0.1, 1e-4), controller, limits, DriveSettings())
+    stages = TickSettings(FingerSettings(), Grating(0.7, 0.1, 1e-4), controller, limits, DriveSettings(), worst_case)
     state = TickState()
     for k in range(100):
         state, done = tick(stages, state, FingerSample(1.0 + TICK_S * k, 0.1 * TICK_S * k, 0.0, 0.5))

@@ -399,6 +399,20 @@ class RigConfig(Section):
         return [part for part in parts if part is not None]
 
     @property
+    def addresses(self) -> list[str]:
+        """Of every instrument that one program at a time may open."""
+        driven = [self.waveform_generator, self.interlock, self.stage, self.force_sensor, self.finger_tracker]
+        found = []
+        for section in (*driven, self.analog_output, *self.electrode_monitors):
+            said = {} if section is None else section.model_dump()
+            found += [str(said[key]) for key in ("resource", "device", "line") if said.get(key) is not None]
+            if "host" in said:
+                found.append(f"{said['host']}:{said['port']}")
+            elif isinstance(said.get("port"), str):
+                found.append(said["port"])
+        return found
+
+    @property
     def monitor_reach_hz(self) -> float:
         """The highest carrier that the amplifier's monitors show; a card would alias a higher one."""
         monitors = self.amplifier.voltage_monitor, self.amplifier.current_monitor
