@@ -44,6 +44,9 @@ LATE = 1 / 5  # of a period: what counts as late while a model is mended
 # Python costs about as much again, compiled code and shared memory as much once more; and a tick of
 # many functions needs more of the caches than a loop.
 TAKES = 4.0
+# One in a hundred finds its code and data gone from the caches, which the loop's few lines never are:
+# a tick with all to fetch from memory takes twice as long (FIRST_REHEARSAL_S, REHEARSAL_S).
+TAKES_COLD = 2.0 * TAKES
 # Times the empty loop, which the same kernel wakes under the same load: 1, but for chance. In the
 # tail 45 samples count, and stalls that differ by much.
 LATE_RATIO, LATE_RATIO_TAIL = 1.2, 2.0
@@ -115,7 +118,7 @@ def _compute(what: str, samples: np.ndarray, empty: Beside) -> Iterator[Claim]:
     rarer turn of the loop.
     """
     took_s = samples["compute_s"][samples["voltage_v"] > 0.0]
-    for q, reference_q in ((50.0, 50.0), (99.0, 100.0 - 1.0 / TAKES)):
+    for q, reference_q, most in ((50.0, 50.0, TAKES), (99.0, 100.0 - 1.0 / TAKES, TAKES_COLD)):
         ours_s, reference_s = np.percentile(took_s, q), np.percentile(empty.took_s, reference_q)
         ratio = float(ours_s / reference_s)
         told = f"{ratio:.1f} x ({1e6 * ours_s:.3g} us against {1e6 * reference_s:.3g} us)"
@@ -123,8 +126,8 @@ def _compute(what: str, samples: np.ndarray, empty: Beside) -> Iterator[Claim]:
         yield Claim(
             f"{what} against {RECORDS} records handed on in an empty loop beside it, {name}",
             told,
-            f"at most {TAKES:g} x",
-            ratio <= TAKES,
+            f"at most {most:g} x",
+            ratio <= most,
         )
 
 
