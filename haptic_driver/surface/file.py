@@ -169,13 +169,18 @@ def read_surface(path: Path) -> SurfaceFile:
             cof_interval=CofInterval(**ends) if bounded else None,
         )
         intact = surface.content_hash == stored_hash
-        worst = worst_case(ModelDescription.of(provenance["model"]), surface.frequency_hz, surface.voltage_v)
     except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
         raise BadInputError("surface_corrupt", f"{path}: not a readable surface file ({error})", rebuild) from error
     if not intact:
         raise BadInputError(
             "surface_corrupt", f"{path}: its content does not match its hash; the file is damaged", rebuild
         )
+    try:
+        model = ModelDescription.of(surface.provenance["model"])
+        worst = worst_case(model, surface.frequency_hz, surface.voltage_v)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        said = f"it names no model by which its limits could be checked ({type(error).__name__}: {error})"
+        raise BadInputError("surface_corrupt", f"{path}: {said}", rebuild) from error
     if not np.allclose(worst, (surface.stuck_current_a_per_v, surface.electrode_gain), rtol=SAME, atol=0.0):
         said = "its worst case is not that of the model which it names, and limits are judged by that"
         raise BadInputError("surface_corrupt", f"{path}: {said}", rebuild)
