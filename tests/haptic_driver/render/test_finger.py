@@ -139,3 +139,13 @@ def test_settings_without_meaning_are_refused_by_name(wrong):
     with pytest.raises(BadInputError, match=next(iter(wrong))) as caught:
         FingerSettings(**wrong)
     assert caught.value.code == "bad_finger_settings"
+
+
+def test_a_touch_counts_from_its_own_beginning_whatever_the_clock_says():
+    """Friction that ages with contact once aged with the machine: 93.9 V at its start, 0 V a day later."""
+    day_s = 86_400.0
+    pressed = [(day_s + 0.1 * k, 0.02, 0.02, PRESSED_N) for k in range(4)]
+    lifted = [(day_s + 0.4, 0.02, 0.02, 0.0)]
+    again = [(day_s + 0.5 + 0.1 * k, 0.02, 0.02, PRESSED_N) for k in range(3)]
+    seen = [finger.contact_s for finger in follow(pressed + lifted + again)]
+    assert seen == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.0, 0.0, 0.1, 0.2])

@@ -261,3 +261,17 @@ def test_an_interrupt_leaves_the_output_off(stages, rig_config, touch):
         bench.step(1e-3, 0.5, 0.04)
         assert bench.instruments.voltage_v == 0.0
         assert bench.amplifier.read() is False
+
+
+def test_a_simulated_finger_ages_with_its_touch_and_not_with_the_machine(rig_config, touch):
+    ages_s = []
+
+    def friction_n(f, v, n, s, t):
+        ages_s.append(t)
+        return 0.5 * n
+
+    with SimulatedRig(rig_config, touch, friction=friction_n) as bench:
+        for force_n, count in ((0.0, 50), (0.5, 20), (0.0, 10), (0.5, 20)):
+            for _ in range(count):
+                bench.instruments.step(1e-3, force_n, 0.02)
+    assert max(ages_s) == pytest.approx(0.020)

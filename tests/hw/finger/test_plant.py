@@ -60,3 +60,14 @@ def test_the_cutoff_can_be_set() -> None:
     plant = FingerPlant(friction, cutoff_hz_per_mm_s=1.0 / (2.0 * math.pi))
     # 10 mm/s: 10 / (2 pi) Hz, a time constant of 0.1 s
     assert plant.step(0.1, 250.0, 100.0, 0.5, 0.01) == pytest.approx(0.2 + 1.0 - math.exp(-1.0))
+
+
+def test_each_contact_is_known_by_when_it_began() -> None:
+    plant = FingerPlant(friction)
+    plant.step(5.0, 250.0, 100.0, 0.0, 0.02)
+    plant.step(1.0, 250.0, 100.0, 0.5, 0.02)
+    plant.step(1.0, 250.0, 100.0, 0.5, 0.02)
+    assert (plant.time_s, plant.touched_s) == (7.0, 5.0)
+    plant.step(1.0, 250.0, 100.0, 0.0, 0.02)
+    plant.step(1.0, 250.0, 100.0, 0.5, 0.02)
+    assert plant.touched_s == 8.0
