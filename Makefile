@@ -4,7 +4,7 @@ BIN := .venv/bin
 # Hundreds of processes start in a test run: what one has compiled serves the next, whatever the environment says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo demo-diagnosis demo-live test soak kills mutate lint bench bench-live validate blind investigations docs clean
+.PHONY: demo demo-diagnosis demo-live test soak kills limits mutate lint bench bench-live validate blind investigations docs clean
 
 .venv/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -43,6 +43,10 @@ soak: .venv/.test
 # 400 kills and stops of the daemon's processes beside 4 busy loops, with the time to zero: some 30 minutes.
 kills: .venv/.test
 	$(BIN)/python -m pytest -m soak -s tests/soak/test_kills.py
+
+# Random models on random rigs: nothing that goes out exceeds a limit by the full model. At most 15 minutes.
+limits: .venv/.test
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.limits
 
 # Small faults, one at a time, in what safety and truth rest on. Lines changed since BASE; ALL=1: a sample of everything.
 BASE ?= HEAD~1

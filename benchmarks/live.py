@@ -33,6 +33,7 @@ from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
 from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains, elsewhere
 from haptic_driver.render.finger import FingerSettings
+from haptic_driver.render.safety import table_of
 from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
 from haptic_driver.signals import SLIDING_M_S, WITHIN, Array, FingerSample
 from haptic_driver.surface.build import SurfaceAxes, build_surface
@@ -142,7 +143,12 @@ class Arm:
         self.file_model = self.model = load_model("reference")
         finger = FingerSettings(output_latency_s=LATENCY_S)
         self.stages = TickSettings(
-            finger, load_texture(texture, texture_dirs()), self.controller(self.model), LIMITS, DriveSettings()
+            finger,
+            load_texture(texture, texture_dirs()),
+            self.controller(self.model),
+            LIMITS,
+            DriveSettings(),
+            table_of(build_surface(self.model, LIMITS, AXES).worst_case),
         )
         self.other = self.controller(self.model, OTHER_HZ)
         self.rows: list[Recorded] = []
@@ -167,7 +173,8 @@ class Arm:
         self.model, before = found.model, self.stages.controller
         self.stages = replace(self.stages, controller=self.controller(self.model))
         self.other = self.controller(self.model, OTHER_HZ)
-        carried = self.stages.controller.carried(before, state.controller, speed_m_s, state.command.voltage_v)
+        voltage_v, contact_s = state.command.voltage_v, end_s
+        carried = self.stages.controller.carried(before, state.controller, speed_m_s, contact_s, voltage_v)
         return state._replace(controller=carried)
 
 

@@ -20,6 +20,7 @@ from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
 from haptic_driver.render.feedback import FeedbackSettings
 from haptic_driver.render.finger import FingerSettings
+from haptic_driver.render.safety import table_of
 from haptic_driver.render.texture import Grating
 from haptic_driver.render.tick import TickSettings, TickState, tick
 from haptic_driver.rig.config import load_rig
@@ -38,7 +39,15 @@ def settings() -> tuple[TickSettings, SurfaceFile]:
     file = build_surface(load_model("reference"), limits)
     law = FeedbackSettings(config.output.latency_s)
     controller = Controller(ControllerSettings(ready_for_lookup(file, limits), limits, feedback=law))
-    return TickSettings(FingerSettings(), Grating(0.7, 0.1, 0.01), controller, limits, DriveSettings()), file
+    stages = TickSettings(
+        FingerSettings(),
+        Grating(0.7, 0.1, 0.01),
+        controller,
+        limits,
+        DriveSettings(),
+        table_of(file.worst_case),
+    )
+    return stages, file
 
 
 def ticks_s(stages: TickSettings, count: int) -> np.ndarray:

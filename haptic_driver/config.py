@@ -7,11 +7,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, RootModel, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    RootModel,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+)
 from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input
@@ -31,6 +40,32 @@ class Section(Checked):
     """Base of what stands in files: and nothing of the wrong type."""
 
     model_config = ConfigDict(strict=True)
+
+
+@dataclass(frozen=True)
+class Within:
+    """As metadata of a float: its range, both ends included, and why nothing real lies outside.
+
+    A figure that is not real may switch off the check that it is for: a limit of 1e308 allows everything.
+    """
+
+    low: float
+    high: float
+    why: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """A number in the range; otherwise an error with the reason."""
+        number = core_schema.float_schema(ge=self.low, le=self.high, allow_inf_nan=False)
+        return core_schema.no_info_wrap_validator_function(self._judged, number)
+
+    def _judged(self, value: Any, is_number: ValidatorFunctionWrapHandler) -> Any:
+        try:
+            return is_number(value)
+        except ValidationError as error:
+            if not isinstance(value, int | float) or isinstance(value, bool):
+                raise
+            said = f"must be {self.low:g} to {self.high:g} ({self.why})"
+            raise PydanticCustomError("out_of_range", said) from error
 
 
 class Kinds(Mapping[str, type[BaseModel]]):

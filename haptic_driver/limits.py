@@ -2,7 +2,8 @@
 
 The last gate (`render/safety.py`) judges every single point again, by code of its own. The touch current is the
 primary quantity: a point must stay under the limit curve both for the sliding finger and for the worst case (stuck or
-wet), which a series resistance or the amplifier's own current limit may bound.
+wet), which a series resistance or the amplifier's own current limit may bound. Limits of voltage hold for what is set
+and for what the model says that the electrode gets.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ from haptic_driver.signals import Array
 
 # ICNIRP 2010, Health Phys. 99:818, contact current, general public: 0.5 mA to 2.5 kHz, 0.2 mA per kHz to 100 kHz.
 ICNIRP_PUBLIC_A_RMS = ((1.0, 0.5e-3), (2.5e3, 0.5e-3), (100e3, 20e-3), (10e6, 20e-3))
+
+ON_NODE = 1e-9  # of a cell: so near to a node is the node
+TINY = 1e-300  # stands for 0 in logarithms
 
 
 @dataclass(frozen=True)
@@ -44,31 +48,57 @@ class OperatingLimits:
         f, i = np.log(np.array(self.contact_current_a_rms)).T
         return np.asarray(np.exp(np.interp(np.log(frequency_hz), f, i)))
 
-    def highest_voltages_v(self, frequency_hz: Array | float, stuck_current_a_per_v: Array | float) -> dict[str, Array]:
-        """Largest voltage at each frequency, by each limit that is proportional to voltage; infinite where it has none.
+    def highest_voltages_v(
+        self,
+        frequency_hz: Array | float,
+        stuck_current_a_per_v: Array | float,
+        electrode_gain: Array | float = 1.0,
+    ) -> dict[str, Array]:
+        """Largest voltage to set at each frequency, by each limit; infinite where it has none.
 
-        `stuck_current_a_per_v`: worst-case finger current, A rms per volt of amplitude. The worst case counts only as
-        far as the hardware can deliver it.
+        Per volt that is set the finger gets `stuck_current_a_per_v` (A rms) at worst, and the electrode
+        `electrode_gain`. The worst case counts only as far as the hardware can deliver it.
         """
-        f = np.asarray(frequency_hz, dtype=np.float64)
+        f, gain = np.asarray(frequency_hz, dtype=np.float64), np.maximum(electrode_gain, 1.0)
         limit = self.contact_current_limit_a_rms(f)
         by_hardware = np.where(
-            self.amplifier_current_a <= sqrt(2.0) * limit, inf, sqrt(2.0) * limit * self.series_resistance_ohm
+            self.amplifier_current_a <= sqrt(2.0) * limit,
+            inf,
+            sqrt(2.0) * limit * self.series_resistance_ohm / gain,
         )
         with np.errstate(divide="ignore"):
             return {
-                "voltage": np.full(f.shape, self.voltage_v),
-                "slew rate": np.divide(self.slew_v_per_s, 2.0 * pi * f),
-                "amplifier current": np.divide(self.amplifier_current_a, 2.0 * pi * f * self.panel_capacitance_f),
+                "voltage": np.full(f.shape, self.voltage_v) / gain,
+                "slew rate": np.divide(self.slew_v_per_s, 2.0 * pi * f) / gain,
+                "amplifier current": np.divide(self.amplifier_current_a, 2.0 * pi * f * self.panel_capacitance_f)
+                / gain,
                 "worst-case current": np.maximum(np.divide(limit, stuck_current_a_per_v), by_hardware),
             }
 
-    def highest_voltage_v(self, frequency_hz: Array | float, stuck_current_a_per_v: Array | float) -> Array:
+    def highest_voltage_v(
+        self,
+        frequency_hz: Array | float,
+        stuck_current_a_per_v: Array | float,
+        electrode_gain: Array | float = 1.0,
+    ) -> Array:
         """The smallest of `highest_voltages_v` at each frequency; 0 outside the band."""
         f = np.asarray(frequency_hz, dtype=np.float64)
         in_band = (f >= self.frequency_low_hz) & (f <= self.frequency_high_hz)
-        lowest = reduce(np.minimum, self.highest_voltages_v(f, stuck_current_a_per_v).values())
-        return np.where(in_band, lowest, 0.0)
+        by_limit = self.highest_voltages_v(f, stuck_current_a_per_v, electrode_gain)
+        return np.where(in_band, reduce(np.minimum, by_limit.values()), 0.0)
+
+    def highest_within_v(self, worst: WorstCase) -> Array:
+        """Largest voltage [f] up to which every one is allowed; no more than the worst case tells of."""
+        by_limit = self.highest_within_by_limit_v(worst).values()
+        f = worst.frequency_hz
+        in_band = (f >= self.frequency_low_hz) & (f <= self.frequency_high_hz)
+        return np.where(in_band, np.minimum(reduce(np.minimum, by_limit), worst.voltage_v[-1]), 0.0)
+
+    def highest_within_by_limit_v(self, worst: WorstCase) -> dict[str, Array]:
+        """Largest voltage [f] up to which each limit allows every one; infinite where it has none."""
+        rows = worst.frequency_hz[:, None], worst.stuck_current_a_per_v, worst.electrode_gain
+        by_limit = self.highest_voltages_v(*rows)
+        return {name: _first_forbidden(allowed_v, worst.voltage_v) for name, allowed_v in by_limit.items()}
 
     def permits(
         self,
@@ -76,12 +106,73 @@ class OperatingLimits:
         voltage_v: Array | float,
         current_rms_a: Array | float,
         stuck_current_rms_a: Array | float,
+        electrode_voltage_v: Array | float = 0.0,
     ) -> NDArray[np.bool_]:
         """Whether points are inside every limit; arrays broadcast. NaN anywhere is outside."""
         f, v = np.asarray(frequency_hz, dtype=np.float64), np.asarray(voltage_v, dtype=np.float64)
-        per_volt = np.divide(
-            stuck_current_rms_a, v, out=np.zeros(np.broadcast(stuck_current_rms_a, v).shape), where=v > 0
-        )
+        per_volt, gain = _per_volt(stuck_current_rms_a, v), _per_volt(electrode_voltage_v, v)
         in_band = (f >= self.frequency_low_hz) & (f <= self.frequency_high_hz)
-        proportional = in_band & (v >= 0.0) & (v <= self.highest_voltage_v(f, per_volt))
+        proportional = in_band & (v >= 0.0) & (v <= self.highest_voltage_v(f, per_volt, gain))
         return np.asarray(proportional & (current_rms_a <= self.contact_current_limit_a_rms(f)))
+
+
+@dataclass(frozen=True)
+class WorstCase:
+    """What finger and electrode get at most of each volt that is set, whatever the load and the time.
+
+    Nodes `frequency_hz` [f] and `voltage_v` [v], the first of which is 0. `stuck_current_a_per_v` (A rms) and
+    `electrode_gain` [f, v - 1] hold between a voltage and the next: the larger of both ends.
+    """
+
+    frequency_hz: Array
+    voltage_v: Array
+    stuck_current_a_per_v: Array
+    electrode_gain: Array
+
+    @classmethod
+    def of(
+        cls, frequency_hz: Array, voltage_v: Array, stuck_current_a_per_v: Array, electrode_gain: Array
+    ) -> WorstCase:
+        """That of values [f, v] at the nodes."""
+        ends = stuck_current_a_per_v, electrode_gain
+        return cls(frequency_hz, voltage_v, *(np.maximum(x[:, :-1], x[:, 1:]) for x in ends))
+
+    def at(self, frequency_hz: float) -> WorstCase:
+        """At one frequency of its range, [1, v - 1].
+
+        Between two nodes values go straight on logarithmic axes, and over that by as much as they bend there: a kink
+        or a hump between the nodes lies below.
+        """
+        nodes = np.log(self.frequency_hz)
+        cells = nodes.size - 1
+        place = float(np.clip((np.log(frequency_hz) - nodes[0]) / (nodes[-1] - nodes[0]) * cells, 0.0, cells))
+        rows = [_between(values, place) for values in (self.stuck_current_a_per_v, self.electrode_gain)]
+        return WorstCase(np.array([frequency_hz]), self.voltage_v, *rows)
+
+
+def _first_forbidden(allowed_v: Array, voltage_v: Array) -> Array:
+    """The least voltage [f] beyond which something is forbidden, where each cell of voltage allows [f, v - 1]."""
+    below_v, above_v = voltage_v[:-1], voltage_v[1:]
+    is_whole = np.broadcast_to(allowed_v, (allowed_v.shape[0], above_v.size)) >= above_v
+    last = np.where(is_whole.all(axis=1), above_v.size - 1, np.argmin(is_whole, axis=1))
+    ends_v = np.where(is_whole, allowed_v, np.maximum(allowed_v, below_v))
+    return np.asarray(ends_v[np.arange(last.size), last])
+
+
+def _per_volt(values: Array | float, voltage_v: Array) -> Array:
+    """Values over the voltage that is set; 0 without any."""
+    shape = np.broadcast(values, voltage_v).shape
+    return np.divide(values, voltage_v, out=np.zeros(shape), where=voltage_v > 0.0)
+
+
+def _between(values: Array, place: float) -> Array:
+    """Rows of values [f, k] at a place among evenly spaced nodes, [1, k]; see `WorstCase.at`."""
+    nearest = round(place)
+    if abs(place - nearest) < ON_NODE:
+        return np.asarray(values[nearest][None, :])
+    i = int(place)
+    logs = np.log(np.maximum(values[max(i - 1, 0) : i + 3], TINY))
+    bends = np.maximum(-np.diff(logs, 2, axis=0), 0.0)
+    k = min(i, 1)
+    straight = logs[k] + (place - i) * (logs[k + 1] - logs[k])
+    return np.asarray(np.exp(straight + 0.25 * bends.sum(axis=0)))[None, :]

@@ -37,7 +37,7 @@ class FingerSample(NamedTuple):
 class FingerState(NamedTuple):
     """The finger as the stages see it: contact decided, velocity estimated, position at output time.
 
-    `time_s` is when the tick is due.
+    `time_s` is when the tick is due, `contact_s` how long the touch has lasted by then.
     """
 
     time_s: float
@@ -48,6 +48,7 @@ class FingerState(NamedTuple):
     normal_force_n: float
     in_contact: bool
     lateral_force_n: float = nan
+    contact_s: float = 0.0
 
 
 class TargetFriction(NamedTuple):
@@ -83,11 +84,16 @@ class SafeOperatingPoint(NamedTuple):
 
 
 class DriveCommand(NamedTuple):
-    """What the actuator shall put out; `output_on` False means zero volts, carrier off."""
+    """What the actuator shall put out; `output_on` False means zero volts, carrier off.
+
+    `full_scale_v` is the most that the limits allow at this frequency under any load: a carrier has that amplitude
+    where an envelope takes it down, and a finger gets it where the envelope fails.
+    """
 
     frequency_hz: float
     voltage_v: float
     output_on: bool
+    full_scale_v: float = 0.0
 
 
 COURSE_POINTS = 20  # per tick: with so many per millisecond a texture of 800 Hz keeps 99.5 % of its force (sinc^2)

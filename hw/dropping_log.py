@@ -7,24 +7,27 @@ way to zero volts must not be stopped.
 from __future__ import annotations
 
 import logging
+import os
 import queue
 import threading
 from contextlib import suppress
 
 MOST_WAITING = 1000
 FLUSH_S = 1.0  # at the end
+STDERR = 2
 
 
 class DroppingHandler(logging.Handler):
-    """Hands records to another handler in a thread that begins now and ends with the process.
+    """Writes records to a file descriptor in a thread that begins now and ends with the process.
 
-    `dropped` counts what was not written for want of room.
+    `dropped` counts what was not written for want of room. Nothing else writes there: what a stream or another handler
+    holds back, it would wait for at the end of the process.
     """
 
-    def __init__(self, handler: logging.Handler, most: int = MOST_WAITING) -> None:
-        super().__init__(handler.level)
+    def __init__(self, descriptor: int = STDERR, most: int = MOST_WAITING) -> None:
+        super().__init__()
         self.dropped = 0
-        self._handler = handler
+        self._descriptor = descriptor
         self._waiting: queue.Queue[logging.LogRecord] = queue.Queue(most)
         threading.Thread(target=self._write, name="log", daemon=True).start()
 
@@ -47,5 +50,7 @@ class DroppingHandler(logging.Handler):
         while True:
             record = self._waiting.get()
             with suppress(Exception):
-                self._handler.handle(record)
+                said = f"{self.format(record)}\n".encode(errors="replace")
+                while said:
+                    said = said[os.write(self._descriptor, said) :]
             self._waiting.task_done()

@@ -12,7 +12,7 @@ from typing import Any
 
 from model.effects import BY_NAME, Effect
 from model.effects.learned import LEARNED, LearnedForm, learned_kind
-from model.electric.dielectrics import Dielectric, PowerLaw, named, read_csv
+from model.electric.dielectrics import Dielectric, PowerLaw, described, named, of_description, read_csv
 from model.learned_file import KEYS, read_form
 from model.parameters import FRICTION_LAWS, SPECIFICATION, FrictionLaw, Parameter, TouchParameters
 from model.support.errors import ModelError, nearest
@@ -75,19 +75,38 @@ class ModelDescription:
 
     def provenance(self) -> dict[str, Any]:
         """Everything that identifies this model, as JSON can hold it."""
-        dielectric = {"name": self.dielectric.name, "source": self.dielectric.source, "content": repr(self.dielectric)}
-        return {
+        said = {
             "name": self.name,
             "about": self.about,
             "variant": self.variant,
             "friction_law": self.friction_law,
-            "dielectric": dielectric,
+            "dielectric": described(self.dielectric),
             "parameters": {name: asdict(p) for name, p in self.parameters.items()},
             "effects": {
                 key: {name: asdict(p) for name, p in values.items()} for key, values in self.effect_parameters.items()
             },
             **self._learned(),
         }
+        plain: dict[str, Any] = json.loads(json.dumps(said))
+        return plain
+
+    @classmethod
+    def of(cls, provenance: Mapping[str, Any]) -> ModelDescription:
+        """The model again; KeyError, TypeError or ValueError where the provenance is not one."""
+        form = provenance.get("learned_form")
+        return cls(
+            name=provenance["name"],
+            about=provenance["about"],
+            dielectric=of_description(provenance["dielectric"]),
+            friction_law=provenance["friction_law"],
+            parameters={name: Parameter(**p) for name, p in provenance["parameters"].items()},
+            effect_parameters={
+                key: {name: Parameter(**p) for name, p in values.items()}
+                for key, values in provenance["effects"].items()
+            },
+            variant=provenance["variant"],
+            learned_form=None if form is None else LearnedForm.of(form),
+        )
 
     @property
     def content_hash(self) -> str:

@@ -11,6 +11,8 @@ from model.support.errors import ModelError, nearest
 
 KEYS = ("acts_on", "shape", "terms", "lowest_voltage_v", "with_phase")
 AMPLITUDE = "amplitude"
+HIGHEST_AMPLITUDE = 10.0  # of a logarithm: no quantity of a touch is off by 20,000 times
+HIGHEST_V = 1000.0  # no electrode under a finger is driven with more
 EXAMPLE = "For example: terms = [{ amplitude = 0.1, frequency_hz = [10.0, 100.0, 1000.0] }]"
 
 
@@ -48,7 +50,8 @@ def read_form(table: Mapping[str, Any], where: str) -> LearnedForm:
     if not isinstance(table["terms"], list) or not table["terms"]:
         raise ModelError(f"{where}: terms is no list of tables", EXAMPLE)
     terms = tuple(_read_term(entry, acts_on, shape, where) for entry in table["terms"])
-    return LearnedForm(acts_on, shape, terms, _positive(table["lowest_voltage_v"], where), with_phase)
+    lowest_v = _positive("lowest_voltage_v", table["lowest_voltage_v"], HIGHEST_V, where)
+    return LearnedForm(acts_on, shape, terms, lowest_v, with_phase)
 
 
 def _read_term(entry: Any, acts_on: str, shape: Shape, where: str) -> Term:
@@ -66,14 +69,15 @@ def _read_term(entry: Any, acts_on: str, shape: Shape, where: str) -> Term:
         if not rising or (name in LOG_INPUTS and numbers[0] <= 0.0):
             raise ModelError(f"{where}: {name} is no list of rising numbers, two or more", EXAMPLE)
         nodes[name] = tuple(float(x) for x in numbers)
-    return Term(tuple(nodes), tuple(nodes.values()), _positive(entry.get(AMPLITUDE, 1.0), where))
+    amplitude = _positive(AMPLITUDE, entry.get(AMPLITUDE, 1.0), HIGHEST_AMPLITUDE, where)
+    return Term(tuple(nodes), tuple(nodes.values()), amplitude)
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _positive(value: Any, where: str) -> float:
-    if not _is_number(value) or value <= 0.0:
-        raise ModelError(f"{where}: {value!r} is not a positive number", EXAMPLE)
+def _positive(name: str, value: Any, most: float, where: str) -> float:
+    if not _is_number(value) or not 0.0 < value <= most:
+        raise ModelError(f"{where}: {name} = {value!r} is not a positive number up to {most:g}", EXAMPLE)
     return float(value)

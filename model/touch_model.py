@@ -238,6 +238,13 @@ class TouchModel:
             notes=attraction.notes,
         )
 
+    def worst_case(self, drive: Drive) -> tuple[Array, Array]:
+        """Stuck current in A rms and the electrode's peak voltage, as `answer` has them; without any contact theory."""
+        touch = self._prepare(drive)
+        admittance, area_m2 = current.stuck_admittance_per_m(touch.circuit), self.description.values.contact_area_m2
+        stuck_a = current.current_rms_a(admittance, touch.omega, touch.rms_v, area_m2)
+        return stuck_a.reshape(touch.shape), np.abs(touch.electrode_v).reshape(touch.shape)
+
     def _prepare(self, drive: Drive) -> PreparedTouch:
         described = self.description
         return prepare(described.values, described.dielectric, described.effects, drive)

@@ -59,6 +59,7 @@ def run(
     """
     from haptic_driver.daemon.quiet_log import OncePerSecond, Printable  # noqa: PLC0415
     from haptic_driver.daemon.run import Links, run_daemon  # noqa: PLC0415  (the web server is slow to import)
+    from hw.dropping_log import DroppingHandler  # noqa: PLC0415
 
     address = Address.of(socket)
     place = address.path
@@ -68,7 +69,7 @@ def run(
     def announce(socket: Path, page: str | None) -> None:
         report(as_json, {"socket": str(socket), "page": page}, lambda: _show(rig, socket, page))
 
-    handler = logging.StreamHandler()
+    handler = DroppingHandler()
     handler.addFilter(OncePerSecond())
     handler.setFormatter(Printable("%(asctime)s %(name)s: %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])

@@ -15,7 +15,7 @@ from haptic_driver.errors import BadInputError, HapticError, require_range
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
 from haptic_driver.render.policies import POLICIES, description
-from haptic_driver.render.safety import violation
+from haptic_driver.render.safety import Worst, table_of, violation, worst_at
 from haptic_driver.rig.config import load_rig
 from haptic_driver.signals import NO_COMMAND, FingerState, OperatingPoint, TargetFriction
 from haptic_driver.surface.build import build_surface
@@ -63,7 +63,7 @@ def solve(
     if fixed_hz is not None:
         own["fixed_frequency_hz"] = fixed_hz
     controller = Controller(ControllerSettings(ready_for_lookup(file, limits), limits, **own))
-    point = _point(controller, limits, friction, normal_force)
+    point = _point(controller, limits, file, friction, normal_force)
     interval = interval_at(point.frequency_hz, point.voltage_v, normal_force)
     left = ripple(point.frequency_hz, config.controller.quiet_above_hz)
     without = quiet_reach(controller.settings, normal_force)
@@ -96,7 +96,9 @@ def _interval_at(
     return uncertainty.cof_interval_at(model, frequency_hz, voltage_v, normal_force_n)
 
 
-def _point(controller: Controller, limits: OperatingLimits, friction: float, normal_force_n: float) -> OperatingPoint:
+def _point(
+    controller: Controller, limits: OperatingLimits, file: SurfaceFile, friction: float, normal_force_n: float
+) -> OperatingPoint:
     """What the controller wants for a resting finger, if it is reachable and the last gate lets it pass."""
     finger = FingerState(0.0, 0.0, 0.0, 0.0, 0.0, normal_force_n, True)
     _, point = controller.step(INITIAL, TargetFriction(friction, True), finger, NO_COMMAND)
@@ -104,7 +106,8 @@ def _point(controller: Controller, limits: OperatingLimits, friction: float, nor
         low, high = controller.reachable(normal_force_n)
         said = f"friction {friction:g} cannot be reached at {normal_force_n:g} N by policy {controller.settings.policy}"
         raise BadInputError("unreachable", said, f"Reachable: {low:.4g} to {high:.4g}")
-    refused = violation(limits, point)
+    worst = Worst(*worst_at(table_of(file.worst_case), point.frequency_hz, point.voltage_v))
+    refused = violation(limits, point, worst)
     if refused is not None:
         raise HapticError("refused", f"the safety gate refuses the point found: {refused}", "Check the rig's limits")
     return point

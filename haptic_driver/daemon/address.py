@@ -5,14 +5,16 @@ from __future__ import annotations
 import getpass
 import os
 import socket
+import struct
 import tempfile
 from pathlib import Path
 from typing import NamedTuple, Self
 from urllib.parse import parse_qs, urlsplit
 
-from haptic_driver.errors import BadInputError
+from haptic_driver.errors import BadInputError, HapticError
 
 SOCKET_NAME = "daemon.sock"
+_PEER = struct.Struct("3i")  # process, user and group of whoever listens
 
 
 def default_folder() -> Path:
@@ -73,7 +75,24 @@ class Address(NamedTuple):
         line.settimeout(timeout_s)
         try:
             line.connect(str(self.path))
-        except OSError:
+            _require_own(line, self.path)
+        except BaseException:
             line.close()
             raise
         return line
+
+
+def _require_own(line: socket.socket, path: Path) -> None:
+    """Refuse a program of another user at a socket: it could say "off" of an output that is on.
+
+    Root's own programs are believed. Root believes whoever owns the socket's folder. Elsewhere than on Linux the
+    folder's rights have to do.
+    """
+    if not hasattr(socket, "SO_PEERCRED"):
+        return
+    _, user, _ = _PEER.unpack(line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size))
+    own = os.getuid()
+    trusted = {0, path.parent.stat().st_uid} if own == 0 else {0, own}
+    if user not in trusted:
+        said = f"{path}: a program of user {user} listens there, not one of yours"
+        raise HapticError("not_yours", said, "give the socket of your own daemon, or the address of its page")

@@ -99,7 +99,8 @@ class Basis:
                 self._events.tell("adapt", error.message)
                 return False
             settings = self.settings.with_surface(surface, number + 1)
-            self._shared.surfaces.write(number + 1, settings.render.tick.controller.settings)
+            stages = settings.render.tick
+            self._shared.surfaces.write(number + 1, (stages.controller.settings, stages.worst_case))
             self.settings = self._supervisor.settings = settings
             self._orders.use_surface(number + 1)
         return True

@@ -89,7 +89,8 @@ class EnvelopeLoop:
                 self._writer.rest()
                 self._lead.choose()
             elif math.isfinite(driven.carrier_hz):
-                may_rise = driven.carrier_hz == output.frequency_hz
+                out = driven.carrier_hz, driven.full_scale_v
+                may_rise = out == (output.frequency_hz, output.full_scale_v)
                 lead_s = self._lead.lead_s
                 if not self._writer.go_on(course, driven.full_scale_v, lead_s, may_rise):
                     self._whole_s = now_s + lead_s  # until what bridges the gap has been played

@@ -136,7 +136,7 @@ class OutputPump:
         written_s = self._shared.played.read().time_s
         if not may_go_out(self._gate, output, now_s) or -math.inf < written_s < now_s - OUTPUT_STALE_S:
             return OFF
-        return DriveCommand(output.frequency_hz, output.voltage_v, True)
+        return DriveCommand(output.frequency_hz, output.voltage_v, True, output.full_scale_v)
 
     def _bring_out(self, now_s: float, command: DriveCommand) -> None:
         actuator = self.actuator

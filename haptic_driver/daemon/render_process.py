@@ -34,13 +34,16 @@ from haptic_driver.signals import SLIDING_M_S, FingerSample, FingerState
 from haptic_driver.textures.bands import FINGER_LAG_M
 
 WARM_UP_TICKS = 200
-(
-    _OVERRUN, _SATURATED_SENSOR, _STALE_SENSOR, _UNREACHABLE, _REJECTED, _LEASE_LOST, _FEEDBACK_LIMIT, _CONTROL_SILENT,
-) = map(
-    int,
-    (Flag.OVERRUN, Flag.SATURATED_SENSOR, Flag.STALE_SENSOR, Flag.UNREACHABLE, Flag.REJECTED, Flag.LEASE_LOST,
-     Flag.FEEDBACK_LIMIT, Flag.CONTROL_SILENT),
-)  # fmt: skip
+# As plain numbers: faster in a tick.
+_OVERRUN = int(Flag.OVERRUN)
+_SATURATED_SENSOR = int(Flag.SATURATED_SENSOR)
+_STALE_SENSOR = int(Flag.STALE_SENSOR)
+_UNREACHABLE = int(Flag.UNREACHABLE)
+_OUTSIDE_SURFACE = int(Flag.OUTSIDE_SURFACE)
+_REJECTED = int(Flag.REJECTED)
+_LEASE_LOST = int(Flag.LEASE_LOST)
+_FEEDBACK_LIMIT = int(Flag.FEEDBACK_LIMIT)
+_CONTROL_SILENT = int(Flag.CONTROL_SILENT)
 
 
 @dataclass(frozen=True)
@@ -136,6 +139,7 @@ class Renderer:
         self._latency_s = settings.tick.finger.output_latency_s
         self._asked = AskedFor(settings.period_s)
         self._kept = Kept(overruns=shared.output.read().overruns)
+        self._full_scale = (math.nan, settings.tick.controller, 0.0)
         self.rendering = False  # at the last tick
         self._practice = practice_slot()
         self._forget(NO_ORDER)
@@ -213,11 +217,12 @@ class Renderer:
 
     def _take_up(self, number: int) -> None:
         """Render by another surface from here on, with the voltage as it is."""
-        before, settings = self._nothing.controller, self._shared.surfaces.read(number)
+        before = self._nothing.controller
+        settings, worst_case = self._shared.surfaces.read(number)
         controller = Controller(later_by(self._lead_s, settings))
         self._surface = number
-        self._nothing = replace(self._nothing, controller=controller)
-        self._tick_settings = replace(self._tick_settings, controller=controller)
+        self._nothing = replace(self._nothing, controller=controller, worst_case=worst_case)
+        self._tick_settings = replace(self._tick_settings, controller=controller, worst_case=worst_case)
         self._kept = self._kept._replace(state=_carried(controller, before, self._kept.state))
 
     def _be_ahead(self, lead_s: float) -> None:
@@ -239,7 +244,7 @@ class Renderer:
         if order.rendering:
             doubts = self._doubts(order, sensed, due.due_s, done.finger)
             trusted = not doubts
-            flags |= self._settings.standing_flags | doubts | _noted(due, done, state)
+            flags |= self._settings.standing_flags | doubts | _noted(settings, due, done, state)
         wanted_v = done.command.voltage_v if done.command.output_on else 0.0
         ramp, voltage_v = kept.ramp.limit(self._settings.ramp_s, due.due_s, wanted_v, trusted)
         if not order.rendering:
@@ -260,8 +265,18 @@ class Renderer:
         output = Output(
             order.number, self._target, self._surface, due.number, self._clock(), done.command.frequency_hz, voltage_v,
             voltage_v > 0.0, overruns, flags, done.target.cof, order.rendering and done.finger.in_contact,
+            self._full_scale_v(settings, done.command.frequency_hz),
         )  # fmt: skip
         return Kept(state, course_v2, ramp, flags, overruns), done, output
+
+    def _full_scale_v(self, settings: TickSettings, carrier_hz: float) -> float:
+        """Of a carrier under an envelope; worked out anew for another carrier or controller."""
+        if not self._settings.envelope:
+            return 0.0
+        if (carrier_hz, settings.controller) != self._full_scale[:2]:
+            most_v = envelope.full_scale_v(settings, carrier_hz)
+            self._full_scale = carrier_hz, settings.controller, most_v
+        return self._full_scale[2]
 
     def _doubts(self, order: Order, sensed: Sensed, now_s: float, finger: FingerState) -> int:
         """Flags for why output may not go on; 0 while it may."""
@@ -328,14 +343,16 @@ def _speed_m_s(finger: FingerState | FingerTracking) -> float:
 def _carried(controller: Controller, before: Controller, state: TickState) -> TickState:
     """The state of the same finger on another controller's surface."""
     finger = state.finger
-    speed_m_s = _speed_m_s(finger)
-    return state._replace(controller=controller.carried(before, state.controller, speed_m_s, state.drive.voltage_v))
+    contact_s = finger.time_s - finger.touched_s if finger.in_contact else 0.0
+    now = controller.carried(before, state.controller, _speed_m_s(finger), contact_s, state.drive.voltage_v)
+    return state._replace(controller=now)
 
 
-def _noted(due: Due, done: Tick, state: TickState) -> int:
+def _noted(settings: TickSettings, due: Due, done: Tick, state: TickState) -> int:
     """Flags for instants that were missed, and for what the stages say."""
     noted = _OVERRUN if due.missed else 0
     noted |= 0 if done.wanted.reachable else _UNREACHABLE
+    noted |= 0 if settings.controller.knows(done.finger) else _OUTSIDE_SURFACE
     if done.safe.rejection is not None:
         noted |= _REJECTED
     if state.controller.estimate.at_limit:

@@ -110,6 +110,7 @@ class SimulatedBench:
         friction, area = np.random.default_rng([*self._seed, 1, session]).standard_normal(2).tolist()
         self._session_gain = exp(self._scatter.session_gain * friction)
         self._session_area = exp(self._scatter.session_area * area)
+        self.simulated.instruments.ages_from_touch = False  # a data file counts from the start of its session
         self.simulated.instruments.plant.time_s = time_s
 
     def begin_row(self, number: int, row: Row) -> None:

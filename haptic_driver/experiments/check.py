@@ -11,17 +11,24 @@ import numpy as np
 from haptic_driver.experiments.plan import Plan, Setting
 from haptic_driver.experiments.stroke import beyond_stage
 from haptic_driver.limits import OperatingLimits
-from haptic_driver.render.safety import violation
+from haptic_driver.render.safety import Worst, violation
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import MONITOR_QUIET_V
 from haptic_driver.signals import OperatingPoint
 from hw.generator.settings import Shape
 from model.conditions import Conditions
-from model.touch_model import TouchModel
+from model.touch_model import Prediction, TouchModel
 
 MOST_OF_LIMIT = 0.99  # of what the limits allow, so that rounding does not exceed them
 MOST_HARMONICS = 200  # of a square wave
 COMING_N = 0.5  # the load of a finger that touches where none should be
+
+
+class Judged(NamedTuple):
+    """An operating point, and what finger and electrode get of it at worst, by the model."""
+
+    point: OperatingPoint
+    worst: Worst
 
 
 class Refusal(NamedTuple):
@@ -54,31 +61,33 @@ def _span(values: Sequence[float]) -> str:
 
 def check(
     settings: Sequence[Setting], plan: Plan, config: RigConfig, model: TouchModel
-) -> tuple[dict[Setting, OperatingPoint], list[Refusal]]:
+) -> tuple[dict[Setting, Judged], list[Refusal]]:
     """The operating points of what `config` permits, with the currents that `model` predicts, and all refusals.
 
     `settings` are `plan`'s, or without voltage; its times decide how long a slide is.
     """
     answer = model.predict(_conditions(settings))
+    electrode_v = _electrode_v(answer, settings)
     limits = config.sweep_limits()
-    points: dict[Setting, OperatingPoint] = {}
+    points: dict[Setting, Judged] = {}
     refusals: list[Refusal] = []
     for i, setting in enumerate(settings):
         cof = float(answer.cof[i])
         currents = float(answer.current_rms_a[i]), float(answer.stuck_current_rms_a[i])
         frequency_hz = setting.frequency_hz or config.limits.frequency_hz[0]  # of a direct voltage: the strictest
         point = OperatingPoint(frequency_hz, setting.peak_v, cof, *currents, True, cof, cof)
+        worst = Worst(currents[1], electrode_v[i])
         reason = (
             _beyond_direct(setting, config)
             or _beyond_generator(setting, config)
             or _beyond_monitors(setting, config)
             or beyond_stage(setting, plan, config)
             or (None if np.isfinite(cof) else "the model predicts that the contact pulls in")
-            or violation(limits, point)
+            or violation(limits, point, worst)
             or _beyond_harmonics(setting, limits, model)
         )
         if reason is None:
-            points[setting] = point
+            points[setting] = Judged(point, worst)
         else:
             refusals.append(Refusal(setting, reason))
     return points, refusals
@@ -95,10 +104,11 @@ def resolved(settings: Sequence[Setting], config: RigConfig, model: TouchModel) 
     answer = model.predict(_conditions(settings))
     limits = config.sweep_limits()
     found: list[Setting] = []
-    for setting, stuck_a in zip(settings, answer.stuck_current_rms_a, strict=True):
+    electrode_v = _electrode_v(answer, settings)
+    for setting, stuck_a, most_v in zip(settings, answer.stuck_current_rms_a, electrode_v, strict=True):
         if setting.sweep:
-            per_volt = stuck_a / setting.voltage_v
-            highest_v = MOST_OF_LIMIT * float(limits.highest_voltage_v(setting.frequency_hz, per_volt))
+            per_volt = (stuck_a / setting.voltage_v, most_v / setting.voltage_v)
+            highest_v = MOST_OF_LIMIT * float(limits.highest_voltage_v(setting.frequency_hz, *per_volt))
             if meter := config.swept_by_meter(setting.frequency_hz):
                 setting = setting._replace(by_meter=True)  # noqa: PLW2901
                 highest_v = min(highest_v, meter.highest_v)
@@ -109,6 +119,13 @@ def resolved(settings: Sequence[Setting], config: RigConfig, model: TouchModel) 
                 setting = setting._replace(voltage_v=round(floor(highest_v / lower_v) * lower_v, 12))  # noqa: PLW2901
         found.append(setting)
     return found
+
+
+def _electrode_v(answer: Prediction, settings: Sequence[Setting]) -> list[float]:
+    """The electrode's peak voltages, by the model's gain from set to electrode."""
+    set_v = np.abs(np.broadcast_to(_conditions(settings).drive().fundamental_v, answer.electrode_voltage_v.shape))
+    gain = np.divide(np.abs(answer.electrode_voltage_v), set_v, out=np.zeros(set_v.shape), where=set_v > 0.0)
+    return [float(g * s.peak_v) for g, s in zip(gain, settings, strict=True)]
 
 
 def _conditions(settings: Sequence[Setting]) -> Conditions:

@@ -13,7 +13,7 @@ import numpy as np
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.average import Measured, average, mean_reading
 from haptic_driver.experiments.bench import Bench
-from haptic_driver.experiments.check import Refusal, check, resolved
+from haptic_driver.experiments.check import Judged, Refusal, check, resolved
 from haptic_driver.experiments.data_file import DataFile, Identity
 from haptic_driver.experiments.plan import Plan, Row, Setting
 from haptic_driver.experiments.stroke import stage_of
@@ -23,7 +23,7 @@ from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.rig import Rig, require_verified
 from haptic_driver.rig.states import RigState
-from haptic_driver.signals import Array, OperatingPoint
+from haptic_driver.signals import Array
 from hw.errors import DeviceError
 from hw.generator.settings import Shape
 from hw.monitor.contract import ElectrodeReading
@@ -49,7 +49,7 @@ class Experiment:
     model: TouchModel
     seed: int
     rows: tuple[Row, ...]
-    points: dict[Setting, OperatingPoint]
+    points: dict[Setting, Judged]
     refusals: tuple[Refusal, ...]
     limits: OperatingLimits
 
@@ -250,8 +250,8 @@ def _bring_up(experiment: Experiment, bench: Bench, setting: Setting) -> None:
     """The finger slides, then the voltage rises at the rig's rate, one set point at a time, past the last gate."""
     output = experiment.config.output
     settings = drive.DriveSettings(output.voltage_rise_v_per_s)
-    point = experiment.points[setting]
-    _, safe = safety.gate(experiment.limits, safety.INITIAL, point)
+    point, worst = experiment.points[setting]
+    _, safe = safety.gate(experiment.limits, safety.INITIAL, point, worst)
     if safe.rejection is not None:
         raise HapticError("refused", f"the safety gate refuses {setting}: {safe.rejection}", "Check the rig's limits")
     rig: Rig = bench.rig

@@ -22,6 +22,7 @@ from haptic_driver.processes.samples import COURSE, SAMPLE
 
 if TYPE_CHECKING:  # not every process that has this memory waits for numba
     from haptic_driver.render.controller import ControllerSettings
+    from haptic_driver.render.safety import WorstTable
     from haptic_driver.render.texture import Target
 
 RING_SAMPLES = 1 << 14  # 16 s at 1 kHz
@@ -69,7 +70,7 @@ class Output(NamedTuple):
     """What render puts out; `order`, `target` and `surface` are the numbers of those it followed.
 
     `tick` counts instants, `overruns` those that were missed. `flags` of `samples.Flag`; `time_s` when it was written.
-    `in_contact`: a finger is there for which something is rendered, even at 0 V.
+    `in_contact`: a finger is there for which something is rendered, even at 0 V. `full_scale_v`: see `DriveCommand`.
     """
 
     order: int
@@ -84,6 +85,7 @@ class Output(NamedTuple):
     flags: int
     target_cof: float
     in_contact: bool
+    full_scale_v: float
 
 
 class Driven(NamedTuple):
@@ -115,7 +117,7 @@ class Played(NamedTuple):
 
 NOTHING_SENSED = Sensed(-np.inf, np.nan, np.nan, False, -np.inf, 0.0, 0.0, False)
 NO_ORDER = Order(0, 0, False, -np.inf, -np.inf, 0, 0)
-NO_OUTPUT = Output(0, 0, 0, 0, -np.inf, 0.0, 0.0, False, 0, 0, np.nan, False)
+NO_OUTPUT = Output(0, 0, 0, 0, -np.inf, 0.0, 0.0, False, 0, 0, np.nan, False, 0.0)
 CLOSED = -1
 NOT_DRIVEN = Driven(CLOSED, np.inf, np.nan, 0.0)
 NOT_PLAYED = Played(-np.inf, 0, -np.inf, 0.0, "")
@@ -318,7 +320,7 @@ class SharedState:
         self.ring = Ring(memory[_RING_AT:_COURSES_AT], SAMPLE, RING_SAMPLES)
         self.courses = Ring(memory[_COURSES_AT:_TARGETS_AT], COURSE, RING_COURSES)
         self.targets: Store[Target] = Store(memory[_TARGETS_AT:_SURFACES_AT])
-        self.surfaces: Store[ControllerSettings] = Store(memory[_SURFACES_AT:])
+        self.surfaces: Store[tuple[ControllerSettings, WorstTable]] = Store(memory[_SURFACES_AT:])
 
     def close(self) -> None:
         """Give the descriptor back; the memory itself goes when nobody uses it any more."""

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import nan
+from math import hypot, nan
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import typed
 
-from haptic_driver.limits import OperatingLimits
+from haptic_driver.limits import OperatingLimits, WorstCase
 from haptic_driver.render import feedback
 from haptic_driver.render.choice import Choice
 from haptic_driver.render.compiled import either, kernel, laid_out
@@ -23,6 +23,7 @@ from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains, InF
 from haptic_driver.render.policies import chosen_by
 from haptic_driver.render.surface import (
     NO_CAPS,
+    ON_NODE,
     Caps,
     Inverse,
     Place,
@@ -73,8 +74,10 @@ class ControllerSettings:
 
     def caps(self, frequency_hz: float) -> Caps:
         """Largest voltage and sliding current that the limits allow at one frequency."""
-        stuck = np.interp(np.log(frequency_hz), self.surface.log_frequency, self.surface.stuck_current_a_per_v)
-        highest_v = float(self.limits.highest_voltage_v(frequency_hz, stuck))
+        surface = self.surface
+        frequencies_hz = np.exp(surface.log_frequency)
+        worst = WorstCase(frequencies_hz, surface.voltage_v, surface.stuck_current_a_per_v, surface.electrode_gain)
+        highest_v = self.limits.highest_within_v(worst.at(frequency_hz)).item()
         return Caps(CLEAR * highest_v, CLEAR * float(self.limits.contact_current_limit_a_rms(frequency_hz)))
 
 
@@ -135,6 +138,13 @@ class Controller:
             caps=NO_CAPS if np.isnan(choice.fixed_hz) else settings.caps(choice.fixed_hz),
         )
         self.held = hold(control)
+        self._most_n = float(np.exp(surface.log_normal_force[-1])) * (1.0 + ON_NODE)
+        self._most_m_s = np.inf if correction is None else float(np.exp(correction.log_speed[-1]))
+
+    def knows(self, finger: FingerState) -> bool:
+        """Whether the surface was solved for so much load and speed; beyond, the nearest that it knows is taken."""
+        speed_m_s = hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
+        return finger.normal_force_n <= self._most_n and speed_m_s <= self._most_m_s
 
     def step(
         self,
@@ -156,10 +166,14 @@ class Controller:
         return voltage_v, OperatingPoint._make(peak)
 
     def carried(
-        self, before: Controller, state: ControllerState, speed_m_s: float, voltage_v: float
+        self, before: Controller, state: ControllerState, speed_m_s: float, contact_s: float, voltage_v: float
     ) -> ControllerState:
         """See the compiled function."""
-        return carried(self.held, before.held, plain(state), speed_m_s, voltage_v)
+        return carried(self.held, before.held, plain(state), speed_m_s, contact_s, voltage_v)
+
+    def full_scale_v(self, frequency_hz: float) -> float:
+        """The most that any load may get at one frequency: that of a carrier whose amplitude something else makes."""
+        return self.settings.caps(frequency_hz).voltage_v
 
     def reachable(self, normal_force_n: float) -> tuple[float, float]:
         """See the compiled function."""
@@ -255,6 +269,7 @@ def carried(
     before: Held,
     values: Plain,
     speed_m_s: float,
+    contact_s: float,
     voltage_v: float,
 ) -> ControllerState:
     """The state on another surface than `before`, with gains that leave the friction of the present drive as it was.
@@ -279,6 +294,7 @@ def carried(
         np.exp(nodes[nodes.size // 2]) if np.isnan(load_n) else load_n,
         True,
         np.nan,
+        contact_s,
     )
     (off_n, rise_n), _ = feedback.by_surface(new.surface, new.correction, drive, finger)
     (old_off_n, old_rise_n), _ = feedback.by_surface(old.surface, old.correction, drive, finger)

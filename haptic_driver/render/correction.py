@@ -1,7 +1,8 @@
 """What speed and time do to friction, as a correction to a surface that was solved at one speed and time 0.
 
 cof = time_factor(t) [ off_factor(n, v) cof_off(n) + gain_factor(f, n, v, V) rise(f, n, V) ]: friction without voltage
-and the rise through attraction are corrected apart, since effects of speed act on one or the other.
+and the rise through attraction are corrected apart, since effects of speed act on one or the other. Time
+counts from the touch.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def factors_at(correction: Correction, frequency_hz: float, voltage_v: float, fi
     n, n_share = among(correction.log_normal_force, np.log(finger.normal_force_n))
     s, s_share = among(correction.log_speed, np.log(speed_m_s))
     v, v_share = among(correction.voltage_v, voltage_v)
-    t, t_share = among(correction.time_s, finger.time_s)
+    t, t_share = among(correction.time_s, finger.contact_s)
     off, rise = 0.0, 0.0
     for i in range(2):
         for j in range(2):

@@ -11,13 +11,14 @@ it with `synthesise`, at the rate and pace of its own output.
 from __future__ import annotations
 
 from functools import cache
+from math import nan
 
 import numpy as np
 
 from haptic_driver.render import drive, safety
 from haptic_driver.render.compiled import kernel
 from haptic_driver.render.tick import Tick, TickSettings, TickState
-from haptic_driver.signals import COURSE_POINTS, Array
+from haptic_driver.signals import COURSE_POINTS, Array, OperatingPoint
 
 _SHARES = np.arange(1, COURSE_POINTS + 1) / COURSE_POINTS
 ZERO = np.zeros(COURSE_POINTS)
@@ -35,12 +36,24 @@ def ahead(stages: TickSettings, after: TickState, done: Tick, tick_s: float) -> 
     cof = stages.texture.cof_along(finger, _moments_s(tick_s))
     known, carrier_hz = after.controller.estimate, done.wanted.frequency_hz
     voltage_v, peak = stages.controller.along(known, cof, finger, carrier_hz)
-    guard, refused = safety.gate_envelope(stages.limits, after.safety, peak, voltage_v)
+    worst = safety.Worst(*safety.worst_at(stages.worst_case, carrier_hz, peak.voltage_v))
+    guard, refused = safety.gate_envelope(stages.limits, after.safety, peak, worst, voltage_v)
     if refused:
         return after._replace(safety=guard), ZERO
     # The next tick's rise begins where this way ends.
     driven = drive.DriveState(after.drive.time_s, voltage_v.item(-1))
     return TickState(after.finger, after.controller, guard, driven, after.command), voltage_v * voltage_v
+
+
+def full_scale_v(stages: TickSettings, carrier_hz: float) -> float:
+    """Peak voltage of a carrier where its envelope is at its highest, and where Modulation In fails.
+
+    It is the most that is allowed under any load, if the last gate agrees; nothing otherwise.
+    """
+    most_v = stages.controller.full_scale_v(carrier_hz)
+    point = OperatingPoint(carrier_hz, most_v, nan, 0.0, 0.0, True, nan, nan)
+    worst = safety.Worst(*safety.worst_at(stages.worst_case, carrier_hz, most_v))
+    return most_v if safety.violation(stages.limits, point, worst) is None else 0.0
 
 
 @cache

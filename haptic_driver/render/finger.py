@@ -60,7 +60,7 @@ class FingerTracking(NamedTuple):
     """What the stage remembers: the last time, the sample that velocity is measured from, the velocity so far.
 
     `weight` is how much of the smoothing window the touch has filled, 0 to 1; it keeps the velocity of a young touch
-    from being drawn towards zero.
+    from being drawn towards zero. `touched_s` is when the touch began.
     """
 
     time_s: float
@@ -71,6 +71,7 @@ class FingerTracking(NamedTuple):
     velocity_y_m_s: float
     weight: float
     in_contact: bool
+    touched_s: float = math.nan
 
 
 INITIAL = FingerTracking(math.nan, math.nan, math.nan, math.nan, 0.0, 0.0, 0.0, False)
@@ -93,7 +94,7 @@ def track(settings: FingerSettings, state: FingerTracking, sample: FingerSample)
     if force_n < (settings.contact_off_n if state.in_contact else settings.contact_on_n):
         return _untouched(time_s), FingerState(now_s, x_m, y_m, 0.0, 0.0, force_n, in_contact=False)
     if not state.in_contact:
-        touched = FingerTracking(time_s, time_s, x_m, y_m, 0.0, 0.0, 0.0, in_contact=True)
+        touched = FingerTracking(time_s, time_s, x_m, y_m, 0.0, 0.0, 0.0, in_contact=True, touched_s=time_s)
         return touched, FingerState(now_s, x_m, y_m, 0.0, 0.0, force_n, in_contact=True)
 
     state = _follow(settings.velocity_time_constant_s, state, time_s, x_m, y_m)
@@ -104,12 +105,13 @@ def track(settings: FingerSettings, state: FingerTracking, sample: FingerSample)
     y_m += vy_m_s * ahead_s
     if not math.isfinite(x_m + y_m):
         return _lost(time_s, now_s)
-    return state, FingerState(now_s, x_m, y_m, vx_m_s, vy_m_s, force_n, True, lateral_n)
+    contact_s = max(now_s - state.touched_s, 0.0)
+    return state, FingerState(now_s, x_m, y_m, vx_m_s, vy_m_s, force_n, True, lateral_n, contact_s)
 
 
 def _follow(time_constant_s: float, state: FingerTracking, time_s: float, x_m: float, y_m: float) -> FingerTracking:
     """The velocity, smoothed exponentially over whatever intervals the samples come in."""
-    _, anchor_time_s, anchor_x_m, anchor_y_m, vx_m_s, vy_m_s, weight, _ = state
+    _, anchor_time_s, anchor_x_m, anchor_y_m, vx_m_s, vy_m_s, weight, _, touched_s = state
     interval_s = time_s - anchor_time_s
     if interval_s < SHORTEST_INTERVAL * time_constant_s:
         return state._replace(time_s=time_s)
@@ -118,7 +120,7 @@ def _follow(time_constant_s: float, state: FingerTracking, time_s: float, x_m: f
     gain = share / weight
     vx_m_s += gain * ((x_m - anchor_x_m) / interval_s - vx_m_s)
     vy_m_s += gain * ((y_m - anchor_y_m) / interval_s - vy_m_s)
-    return FingerTracking(time_s, time_s, x_m, y_m, vx_m_s, vy_m_s, weight, True)
+    return FingerTracking(time_s, time_s, x_m, y_m, vx_m_s, vy_m_s, weight, True, touched_s)
 
 
 def _untouched(time_s: float) -> FingerTracking:

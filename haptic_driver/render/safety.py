@@ -1,7 +1,8 @@
 """The last gate: an operating point inside every limit passes unchanged, any other becomes zero volts and a reason.
 
 Nothing is clamped here: a point outside the limits means that a stage before is wrong. The rules are those of
-`haptic_driver.limits`, written out again for one point, so that a mistake there does not pass unseen.
+`haptic_driver.limits`, written out again for one point, so that a mistake there does not pass unseen. What finger and
+electrode get at worst the gate looks up by itself, in a table of its own.
 """
 
 from __future__ import annotations
@@ -11,11 +12,37 @@ from math import exp, isfinite, log, pi, sqrt
 from operator import itemgetter
 from typing import NamedTuple
 
-from haptic_driver.limits import OperatingLimits
+import numpy as np
+
+from haptic_driver.limits import OperatingLimits, WorstCase
 from haptic_driver.render.compiled import kernel
 from haptic_driver.signals import Array, OperatingPoint, SafeOperatingPoint
 
+ON_NODE = 1e-9  # of a cell: so near to a node is the node
+TINY = 1e-300  # stands for 0 in logarithms
 _FREQUENCY = itemgetter(0)  # of a point of the limit curve
+
+
+class Worst(NamedTuple):
+    """What finger (A rms) and electrode (peak) may get of one point, by the model."""
+
+    stuck_current_rms_a: float
+    electrode_voltage_v: float
+
+
+class WorstTable(NamedTuple):
+    """`WorstCase` as compiled code reads it: nodes [f] and [v], values [f, v - 1]."""
+
+    log_frequency: Array
+    voltage_v: Array
+    stuck_current_a_per_v: Array
+    electrode_gain: Array
+
+
+def table_of(worst: WorstCase) -> WorstTable:
+    """The gate's own table."""
+    values = map(np.ascontiguousarray, (worst.stuck_current_a_per_v, worst.electrode_gain))
+    return WorstTable(np.log(worst.frequency_hz), worst.voltage_v, *values)
 
 
 class SafetyState(NamedTuple):
@@ -28,27 +55,34 @@ class SafetyState(NamedTuple):
 INITIAL = SafetyState(0, None)
 
 
-def gate(limits: OperatingLimits, state: SafetyState, point: OperatingPoint) -> tuple[SafetyState, SafeOperatingPoint]:
+def gate(
+    limits: OperatingLimits, state: SafetyState, point: OperatingPoint, worst: Worst
+) -> tuple[SafetyState, SafeOperatingPoint]:
     """`point` itself if it is safe, else zero volts with the reason."""
-    reason = violation(limits, point)
+    reason = violation(limits, point, worst)
     if reason is None:
         return state, SafeOperatingPoint(point.frequency_hz, point.voltage_v, None)
     return SafetyState(state.rejections + 1, reason), SafeOperatingPoint(point.frequency_hz, 0.0, reason)
 
 
-def violation(limits: OperatingLimits, point: OperatingPoint) -> str | None:  # noqa: PLR0911 (one per limit)
-    """Why a point is refused, in words; None when it is inside every limit."""
-    f, v = point.frequency_hz, point.voltage_v
-    sliding, stuck = point.current_rms_a, point.stuck_current_rms_a
-    if not isfinite(f + v + sliding + stuck):  # each of them, then
+def violation(limits: OperatingLimits, point: OperatingPoint, worst: Worst) -> str | None:  # noqa: PLR0911 (one per limit)
+    """Why a point is refused, in words; None when it is inside every limit.
+
+    Of what the point claims and what `worst` says the larger counts.
+    """
+    f, v, sliding = point.frequency_hz, point.voltage_v, point.current_rms_a
+    if not isfinite(f + v + sliding + point.stuck_current_rms_a):  # each of them, then
         return "the operating point is not finite"
     if v == 0.0:
         return None
     if not limits.frequency_low_hz <= f <= limits.frequency_high_hz:
         return f"{f:g} Hz is outside {limits.frequency_low_hz:g}..{limits.frequency_high_hz:g} Hz"
-    if not 0.0 < v <= limits.voltage_v:
-        return f"{v:g} V is outside 0..{limits.voltage_v:g} V peak at the electrode"
-    slew = 2.0 * pi * f * v
+    if not isfinite(worst.stuck_current_rms_a + worst.electrode_voltage_v):
+        return f"nobody knows what {v:g} V at {f:g} Hz do at worst"
+    electrode_v = max(v, worst.electrode_voltage_v)
+    if not 0.0 < v <= electrode_v <= limits.voltage_v:
+        return f"{electrode_v:g} V is outside 0..{limits.voltage_v:g} V peak at the electrode"
+    slew = 2.0 * pi * f * electrode_v
     if slew > limits.slew_v_per_s:
         return f"slew {slew:.3g} V/s exceeds {limits.slew_v_per_s:.3g} V/s"
     panel = slew * limits.panel_capacitance_f
@@ -59,20 +93,21 @@ def violation(limits: OperatingLimits, point: OperatingPoint) -> str | None:  # 
         return f"finger current {sliding:.3g} A rms exceeds {allowed:.3g} A rms at {f:g} Hz"
     deliverable = limits.amplifier_current_a / sqrt(2.0)
     if limits.series_resistance_ohm > 0.0:
-        deliverable = min(deliverable, v / (sqrt(2.0) * limits.series_resistance_ohm))
-    if stuck < 0.0 or min(stuck, deliverable) > allowed:
-        return f"worst-case finger current {min(stuck, deliverable):.3g} A rms exceeds {allowed:.3g} A rms at {f:g} Hz"
+        deliverable = min(deliverable, electrode_v / (sqrt(2.0) * limits.series_resistance_ohm))
+    stuck = min(max(point.stuck_current_rms_a, worst.stuck_current_rms_a), deliverable)
+    if point.stuck_current_rms_a < 0.0 or stuck > allowed:
+        return f"worst-case finger current {stuck:.3g} A rms exceeds {allowed:.3g} A rms at {f:g} Hz"
     return None
 
 
 def gate_envelope(
-    limits: OperatingLimits, state: SafetyState, peak: OperatingPoint, voltage_v: Array
+    limits: OperatingLimits, state: SafetyState, peak: OperatingPoint, worst: Worst, voltage_v: Array
 ) -> tuple[SafetyState, bool]:
     """Whether peak voltages [n] are refused, as a whole: for their highest, or for one that is beyond it.
 
-    Every limit is one on voltage at the carrier's frequency, or grows with it, so what is below a safe point is safe.
+    `worst` is that of any voltage up to the peak, so what is below a safe point is safe.
     """
-    reason = violation(limits, peak)
+    reason = violation(limits, peak, worst)
     if reason is None:
         beyond = first_beyond(voltage_v, peak.voltage_v)
         if beyond < 0:
@@ -80,6 +115,49 @@ def gate_envelope(
         said = f"point {beyond} of the envelope, {voltage_v[beyond]:g} V"
         reason = f"{said}, is outside 0..{peak.voltage_v:g} V"
     return SafetyState(state.rejections + 1, reason), True
+
+
+@kernel
+def worst_at(table: WorstTable, frequency_hz: float, voltage_v: float) -> tuple[float, float]:
+    """The fields of `Worst`, of all voltages up to this one; infinite where the table ends."""
+    nodes, volts = table.log_frequency, table.voltage_v
+    place = (np.log(frequency_hz) - nodes[0]) / (nodes[-1] - nodes[0]) * (nodes.size - 1)
+    if not -ON_NODE < place < nodes.size - 1 + ON_NODE:
+        return np.inf, np.inf
+    i, a = int(place + 0.5), 0.0
+    if abs(place - i) >= ON_NODE:
+        i = int(place)
+        a = place - i
+    stuck_a, electrode_v = 0.0, 0.0
+    for k in range(volts.size - 1):
+        up_to_v = min(volts[k + 1], voltage_v)
+        stuck_a = max(stuck_a, up_to_v * per_volt(table.stuck_current_a_per_v, i, a, k))
+        electrode_v = max(electrode_v, up_to_v * per_volt(table.electrode_gain, i, a, k))
+        if volts[k + 1] >= voltage_v:
+            return stuck_a, electrode_v
+    return np.inf, np.inf
+
+
+@kernel
+def per_volt(values: Array, i: int, a: float, k: int) -> float:
+    """A value at node `i` of frequency, or between it and the next.
+
+    There it goes straight on logarithmic axes, and over that by as much as it bends: see `WorstCase.at`.
+    """
+    if a == 0.0:
+        return float(values[i, k])
+    bend = 0.0
+    for m in (i, i + 1):
+        if 0 < m < values.shape[0] - 1:
+            bend += max(2.0 * logarithm(values[m, k]) - logarithm(values[m - 1, k]) - logarithm(values[m + 1, k]), 0.0)
+    straight = (1.0 - a) * logarithm(values[i, k]) + a * logarithm(values[i + 1, k])
+    return float(np.exp(straight + 0.25 * bend))
+
+
+@kernel
+def logarithm(value: float) -> float:
+    """Finite for 0 too."""
+    return float(np.log(max(value, TINY)))
 
 
 @kernel

@@ -20,7 +20,8 @@ class Surface(NamedTuple):
     """A surface made ready for look-up, limits of the rig applied.
 
     Nodes of log frequency [f], log normal force [n] and voltage [v]. `cof` and `current_rms_a` [f, n, v];
-    `stuck_current_a_per_v` [f]; `voltage_limit_v` [f, n] is the largest voltage that every limit and mask allows there.
+    `stuck_current_a_per_v` and `electrode_gain` [f, v - 1] as `limits.WorstCase` has them;
+    `voltage_limit_v` [f, n] is the largest voltage that every limit and mask allows there.
     """
 
     log_frequency: Array
@@ -29,6 +30,7 @@ class Surface(NamedTuple):
     cof: Array
     current_rms_a: Array
     stuck_current_a_per_v: Array
+    electrode_gain: Array
     voltage_limit_v: Array
 
 
@@ -84,9 +86,20 @@ def invert_at(surface: Surface, target_cof: float, place: Place, caps: Caps) -> 
         voltage_v, cof = most_v, high
     elif target_cof > low:
         voltage_v, cof = crossing_v(surface, surface.cof, place, target_cof, most_v), target_cof
-    current_a, stuck = at_voltage(surface, surface.current_rms_a, place, voltage_v), surface.stuck_current_a_per_v
-    stuck_a = voltage_v * between(stuck[place.i], stuck[place.i + (place.a > 0.0)], place.a)
-    return Inverse(voltage_v, cof, current_a, stuck_a, low, high)
+    current_a = at_voltage(surface, surface.current_rms_a, place, voltage_v)
+    return Inverse(voltage_v, cof, current_a, stuck_a(surface, place, voltage_v), low, high)
+
+
+@kernel
+def stuck_a(surface: Surface, place: Place, voltage_v: float) -> float:
+    """Worst-case current at a place and a voltage, A rms; straight on logarithmic axes between frequencies."""
+    k, c = locate(surface.voltage_v, voltage_v)
+    cell = k - (c == 0.0 and k > 0)
+    here = surface.stuck_current_a_per_v[place.i, cell]
+    if place.a == 0.0:
+        return float(voltage_v * here)
+    there = surface.stuck_current_a_per_v[place.i + 1, cell]
+    return float(voltage_v * here ** (1.0 - place.a) * there**place.a)
 
 
 @kernel

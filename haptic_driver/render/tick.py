@@ -27,6 +27,7 @@ class TickSettings:
     controller: controller.Controller
     limits: OperatingLimits
     drive: drive.DriveSettings
+    worst_case: safety.WorstTable
 
 
 class TickState(NamedTuple):
@@ -54,6 +55,7 @@ def tick(settings: TickSettings, state: TickState, sample: FingerSample) -> tupl
     tracking, felt = finger.track(settings.finger, state.finger, sample)
     target = texture.target(settings.texture, felt)
     control, wanted = settings.controller.step(state.controller, target, felt, state.command)
-    guard, safe = safety.gate(settings.limits, state.safety, wanted)
+    worst = safety.Worst(*safety.worst_at(settings.worst_case, wanted.frequency_hz, wanted.voltage_v))
+    guard, safe = safety.gate(settings.limits, state.safety, wanted, worst)
     driven, command = drive.drive(settings.drive, state.drive, safe, felt.time_s)
     return TickState(tracking, control, guard, driven, command), Tick(felt, target, wanted, safe, command)

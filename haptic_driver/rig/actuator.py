@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from math import inf, nan
+from typing import NamedTuple
 
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import OffEvidence
@@ -73,8 +74,18 @@ class SetpointActuator(Actuator):
         return command._replace(voltage_v=voltage_v)
 
 
+class _Carrier(NamedTuple):
+    """What is out."""
+
+    frequency_hz: float
+    voltage_v: float
+
+
+_NO_CARRIER = _Carrier(nan, 0.0)
+
+
 class CarrierActuator(Actuator):
-    """A carrier of `full_scale_v` over SCPI, whose amplitude an envelope makes.
+    """A carrier over SCPI at the highest amplitude that is allowed there, which an envelope takes down.
 
     Until SCPI has brought another carrier no envelope may rise: nobody has asked what its voltages may be at the
     present one.
@@ -82,28 +93,29 @@ class CarrierActuator(Actuator):
 
     name = "analog envelope"
 
-    def __init__(self, rig: Rig, relay_interval_s: float, full_scale_v: float) -> None:
+    def __init__(self, rig: Rig, relay_interval_s: float, limit_v: float) -> None:
         super().__init__(rig, relay_interval_s)
-        self._full_scale_v = full_scale_v
-        self._carrier_hz = nan
+        self._limit_v = limit_v
+        self._out = _NO_CARRIER
 
     def command(self, time_s: float, command: DriveCommand) -> None:
         """The carrier, at its highest as long as output is on."""
         super().command(time_s, command)
-        self._carrier_hz = command.frequency_hz if self.rig.state is RigState.ON else nan
+        set_point = self._set_point(command)
+        self._out = _Carrier(*set_point[:2]) if self.rig.state is RigState.ON else _NO_CARRIER
 
     @property
     def carrier_hz(self) -> float:
         """The carrier that is out."""
-        return self._carrier_hz
+        return self._out.frequency_hz
 
     @property
     def full_scale_v(self) -> float:
         """The carrier's own voltage."""
-        return self._full_scale_v
+        return self._out.voltage_v
 
     def _set_point(self, command: DriveCommand) -> DriveCommand:
-        return command._replace(voltage_v=self._full_scale_v if command.output_on else 0.0)
+        return command._replace(voltage_v=min(command.full_scale_v, self._limit_v) if command.output_on else 0.0)
 
 
 def make_actuator(config: RigConfig, rig: Rig) -> Actuator:

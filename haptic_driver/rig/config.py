@@ -23,7 +23,7 @@ from pydantic import (
     model_validator,
 )
 
-from haptic_driver.config import Section, find_config, parse, read_toml
+from haptic_driver.config import Section, Within, find_config, parse, read_toml
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS, OperatingLimits
 from haptic_driver.render.policies import POLICIES
@@ -35,12 +35,17 @@ from haptic_driver.rig.part import (
     FORCE_SENSORS,
     NO_WATCHDOG,
     SIMULATED,
+    DirectVolts,
+    Farads,
+    ForceRange,
+    Hertz,
     KindsOf,
-    NotNegative,
+    LoadNewtons,
+    Metres,
     PartSection,
-    Positive,
     Resource,
     Seconds,
+    Volts,
     Vouched,
 )
 from haptic_driver.rig.parts.amplifiers import AmplifierConfig
@@ -91,19 +96,29 @@ else:  # whatever is installed
     SomeTracker = Annotated[PartSection, KindsOf(FINGER_TRACKERS)]
 
 
+# Table 5 of ICNIRP 2010, Health Phys. 99:818: contact current, occupational, is twice that of the general public.
+ICNIRP_OCCUPATIONAL_A_RMS = tuple((f, 2.0 * i) for f, i in ICNIRP_PUBLIC_A_RMS)
+ROUNDING = 1.0 + 1e-9
+
+CurvePoint = Annotated[
+    list[Annotated[float, Within(1e-9, 1e9, "it is neither a frequency in Hz nor a current in A that flows here")]],
+    Field(min_length=2, max_length=2),
+]
+
+
 class LimitsConfig(Vouched):
     """What the rig allows at the electrode; see `OperatingLimits`. `direct_voltage_v`: steady, bias included."""
 
-    voltage_v: Annotated[FiniteFloat, Field(gt=0.0, le=1000.0)]
-    frequency_hz: Annotated[
-        list[Annotated[FiniteFloat, Field(ge=1e-6, le=20e6)]], Field(min_length=2, max_length=2)
-    ] = Field(default=[1.0, 1e6])
-    contact_current_a_rms: Annotated[
-        list[Annotated[list[Positive], Field(min_length=2, max_length=2)]], Field(min_length=1)
-    ] = Field(default=[list(point) for point in ICNIRP_PUBLIC_A_RMS])
-    direct_voltage_v: NotNegative = 0.0
-    series_resistance_ohm: NotNegative = 0.0
-    panel_capacitance_f: Annotated[FiniteFloat, Field(ge=0.0, le=1e-3)] = 0.0
+    voltage_v: Volts
+    frequency_hz: Annotated[list[Hertz], Field(min_length=2, max_length=2)] = Field(default=[1.0, 1e6])
+    contact_current_a_rms: Annotated[list[CurvePoint], Field(min_length=1)] = Field(
+        default=[list(point) for point in ICNIRP_PUBLIC_A_RMS]
+    )
+    direct_voltage_v: DirectVolts = 0.0
+    series_resistance_ohm: Annotated[
+        float, Within(0.0, 10e6, "through more, an electrode of 100 pF follows no carrier above 160 Hz")
+    ] = 0.0
+    panel_capacitance_f: Farads = 0.0
 
     @model_validator(mode="after")
     def _ordered(self) -> LimitsConfig:
@@ -113,6 +128,26 @@ class LimitsConfig(Vouched):
         if frequencies != sorted(set(frequencies)):
             raise ValueError("contact_current_a_rms must rise in frequency")
         return self
+
+    @model_validator(mode="after")
+    def _bearable(self) -> LimitsConfig:
+        """Both curves are straight between their points, so that these are all that has to be compared."""
+        low_hz, high_hz = self.frequency_hz
+        curve = tuple((f, i) for f, i in self.contact_current_a_rms)
+        own = OperatingLimits(self.voltage_v, low_hz, high_hz, contact_current_a_rms=curve)
+        highest = replace(own, contact_current_a_rms=ICNIRP_OCCUPATIONAL_A_RMS)
+        for frequency_hz in sorted(f for f, _ in (*curve, *ICNIRP_OCCUPATIONAL_A_RMS)):
+            current_a = own.contact_current_limit_a_rms(frequency_hz)
+            most_a = highest.contact_current_limit_a_rms(frequency_hz)
+            if current_a > most_a * ROUNDING:
+                raise ValueError(
+                    f"contact_current_a_rms allows {current_a:.3g} A at {frequency_hz:g} Hz, more than {most_a:.3g} A, "
+                    "the reference level of ICNIRP 2010 for workers"
+                )
+        return self
+
+
+Patience = Annotated[float, Within(1e-3, 10.0, "what may be wrong at the electrode is not waited for longer")]
 
 
 class SafetySettings(Section):
@@ -125,19 +160,23 @@ class SafetySettings(Section):
     `electrovibration-exp`).
     """
 
-    lease_s: Seconds = 0.5
-    beat_interval_s: Seconds = 0.05
-    settle_s: Seconds = 0.15
-    monitor_tolerance: Annotated[FiniteFloat, Field(gt=0.0, le=1.0)] = 0.1
-    monitor_tolerance_v: Annotated[FiniteFloat, Field(gt=0.0, le=100.0)] = 5.0
-    off_retry_s: Seconds = 0.5
+    lease_s: Patience = 0.5
+    beat_interval_s: Patience = 0.05
+    settle_s: Patience = 0.15
+    monitor_tolerance: Annotated[
+        float, Within(1e-6, 0.5, "a monitor that is off by half tells nothing of what was commanded")
+    ] = 0.1
+    monitor_tolerance_v: Annotated[
+        float, Within(1e-6, 50.0, "a finger feels as much, and what is left on would not be seen")
+    ] = 5.0
+    off_retry_s: Patience = 0.5
 
 
 class ModulationInputConfig(Vouched):
     """Modulation In at the back of the generator; see `hw.generator.settings.ModulationInput`."""
 
-    full_scale_v: Annotated[FiniteFloat, Field(gt=0.0, le=10.0)]
-    amplitude_at_full_scale: Annotated[FiniteFloat, Field(gt=0.0, le=4.0)]
+    full_scale_v: Annotated[float, Within(0.1, 10.0, "no generator's Modulation In takes less or more")]
+    amplitude_at_full_scale: Annotated[float, Within(0.5, 4.0, "no generator's modulation goes to less or more")]
 
 
 class GeneratorConfig(Section):
@@ -147,7 +186,7 @@ class GeneratorConfig(Section):
     resource: Resource
     visa_backend: str = "@py"
     baud_rate: Annotated[int, Field(ge=300, le=4_000_000)] = 115200
-    reply_timeout_s: Annotated[FiniteFloat, Field(gt=0.0, le=30.0)] = 1.0
+    reply_timeout_s: Annotated[float, Within(1e-3, 30.0, "no answer is sooner there, nor waited for longer")] = 1.0
     range_policy: Literal["fixed", "auto"] = "fixed"
     modulation_input: ModulationInputConfig | None = None
 
@@ -158,12 +197,12 @@ class AnalogInputsConfig(Section):
     `monitor_window_s` is how far back a monitor looks for the peak: a period of the slowest carrier or longer.
     """
 
-    sample_rate_hz: Annotated[FiniteFloat, Field(gt=0.0, le=1e7)]
+    sample_rate_hz: Annotated[float, Within(1.0, 1e7, "no card is slower or faster")]
     terminal: Literal["DIFF", "RSE", "NRSE", "PSEUDO_DIFF", "DEFAULT"] = "DIFF"
-    range_v: Annotated[FiniteFloat, Field(gt=0.0, le=10.0)] = 10.0
-    buffer_s: Annotated[FiniteFloat, Field(gt=0.0, le=60.0)] = 2.0
+    range_v: Annotated[float, Within(0.01, 10.0, "ranges of cards are 10 mV to 10 V")] = 10.0
+    buffer_s: Seconds = 2.0
     timeout_s: Seconds = 0.5
-    monitor_window_s: Annotated[FiniteFloat, Field(gt=0.0, le=10.0)] = 0.02
+    monitor_window_s: Patience = 0.02
 
 
 class NoInterlock(Section):
@@ -177,7 +216,7 @@ class InterlockBox(Section):
 
     kind: Literal["box"]
     resource: Resource
-    reply_timeout_s: Annotated[FiniteFloat, Field(gt=0.0, le=0.1)] = 0.05
+    reply_timeout_s: Annotated[float, Within(1e-3, 0.1, "the box is asked on the way to every set point")] = 0.05
 
 
 class ModemLineInterlock(Section):
@@ -207,21 +246,25 @@ class WatchdogConfig(Section):
 
     generator: Resource
     interlock: Resource | None = None
-    period_s: Seconds = 0.5
-    reply_timeout_s: Seconds = 0.3
-    retry_s: Seconds = 0.2
-    give_up_s: Annotated[FiniteFloat, Field(gt=0.0, le=3600.0)] = 60.0
+    period_s: Patience = 0.5
+    reply_timeout_s: Patience = 0.3
+    retry_s: Patience = 0.2
+    give_up_s: Annotated[float, Within(0.1, 3600.0, "one attempt takes as long, and nobody waits for longer")] = 60.0
+
+
+StageSpeed = Annotated[float, Within(1e-6, 0.5, "no stage of this kind is faster")]
+StageAcceleration = Annotated[float, Within(1e-6, 5.0, "no stage of this kind gathers speed faster")]
 
 
 class StageConfig(Section):
     """A Thorlabs LTS150; see `hw.stage.lts150.StageSettings`."""
 
     resource: Resource
-    travel_m: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
-    velocity_m_s: Positive
-    acceleration_m_s2: Positive
-    velocity_limit_m_s: Positive
-    acceleration_limit_m_s2: Positive
+    travel_m: Annotated[list[Metres], Field(min_length=2, max_length=2)]
+    velocity_m_s: StageSpeed
+    acceleration_m_s2: StageAcceleration
+    velocity_limit_m_s: StageSpeed
+    acceleration_limit_m_s2: StageAcceleration
 
 
 class OutputConfig(Section):
@@ -230,10 +273,17 @@ class OutputConfig(Section):
     `linger_s`: with nothing to put out the generator stays on, at its lowest, for so long after the finger was there.
     """
 
-    setpoint_interval_s: Annotated[FiniteFloat, Field(ge=0.001, le=1.0)] = 0.010
-    latency_s: Annotated[FiniteFloat, Field(ge=0.0, le=1.0)] = 0.0
-    voltage_rise_v_per_s: Positive = 10e3
-    linger_s: Annotated[FiniteFloat, Field(ge=0.0, le=60.0)] = 10.0
+    setpoint_interval_s: Annotated[
+        float, Within(0.001, 1.0, "the tick is no faster, and a voltage that waits for longer is another finger's")
+    ] = 0.010
+    latency_s: Annotated[float, Within(0.0, 1.0, "no finger's place is known so far ahead")] = 0.0
+    voltage_rise_v_per_s: Annotated[
+        float, Within(1.0, 1e6, "from nothing to the highest voltage of all within a tick, 1 ms, is no rise")
+    ] = 10e3
+    linger_s: Annotated[float, Within(0.0, 60.0, "without a finger nothing is kept on for longer")] = 10.0
+
+
+ScreenSide = Annotated[float, Within(1e-3, 2.0, "no touch screen is smaller or larger")]
 
 
 class ScreenConfig(Section):
@@ -242,17 +292,19 @@ class ScreenConfig(Section):
     The usual size is that of the largest touch screens. `margin_m`: so far beyond an edge half a fingertip may be told.
     """
 
-    width_m: Annotated[FiniteFloat, Field(gt=0.0, le=2.0)] = 0.6
-    height_m: Annotated[FiniteFloat, Field(gt=0.0, le=2.0)] = 0.4
-    margin_m: Annotated[FiniteFloat, Field(ge=0.0, le=0.05)] = 0.01
+    width_m: ScreenSide = 0.6
+    height_m: ScreenSide = 0.4
+    margin_m: Annotated[float, Within(0.0, 0.05, "no fingertip is wider")] = 0.01
 
 
 class FingerConfig(Section):
     """How the finger is read."""
 
-    contact_on_n: Positive = 0.15
-    contact_off_n: Positive = 0.10
-    velocity_time_constant_s: Positive = 0.010
+    contact_on_n: LoadNewtons = 0.15
+    contact_off_n: LoadNewtons = 0.10
+    velocity_time_constant_s: Annotated[
+        float, Within(1e-4, 1.0, "a shorter one is of noise, a longer one of another stroke")
+    ] = 0.010
 
 
 class ControllerConfig(Section):
@@ -262,10 +314,13 @@ class ControllerConfig(Section):
     """
 
     policy: Policy = "max_authority"
-    fixed_frequency_hz: Positive | None = None
-    lowest_carrier_hz: Positive = 100.0
-    quiet_above_hz: Positive = 1000.0
-    hysteresis: Annotated[FiniteFloat, Field(ge=0.0, le=1.0)] = 0.05
+    fixed_frequency_hz: Hertz | None = None
+    lowest_carrier_hz: Hertz = 100.0
+    quiet_above_hz: Hertz = 1000.0
+    hysteresis: Annotated[float, Within(0.0, 1.0, "it is a share")] = 0.05
+
+
+Latency = Annotated[float, Within(0.0, 1.0, "no generator takes longer")]
 
 
 class SimulationConfig(Section):
@@ -276,13 +331,13 @@ class SimulationConfig(Section):
     leads, beside that of the finger's own model.
     """
 
-    amplitude_latency_s: NotNegative = 0.030
-    frequency_latency_s: NotNegative = 0.003
-    friction_cutoff_hz_per_mm_s: Positive = 13.8
-    force_noise_n: NotNegative = 0.003
-    force_range_n: Positive = 20.0
+    amplitude_latency_s: Latency = 0.030
+    frequency_latency_s: Latency = 0.003
+    friction_cutoff_hz_per_mm_s: Annotated[float, Within(1e-3, 1e6, "no friction follows slower or faster")] = 13.8
+    force_noise_n: Annotated[float, Within(0.0, 10.0, "no finger is told in more noise")] = 0.003
+    force_range_n: ForceRange = 20.0
     seed: int = 1
-    stray_capacitance_f: NotNegative = 0.0
+    stray_capacitance_f: Farads = 0.0
     model: str | None = None
     hide: dict[str, dict[str, FiniteFloat]] = Field(default={})
 
@@ -342,6 +397,20 @@ class RigConfig(Section):
         """What may be connected to the card and the stage."""
         parts = [self.force_sensor, self.finger_tracker, self.amplifier, *self.electrode_monitors]
         return [part for part in parts if part is not None]
+
+    @property
+    def addresses(self) -> list[str]:
+        """Of every instrument that one program at a time may open."""
+        driven = [self.waveform_generator, self.interlock, self.stage, self.force_sensor, self.finger_tracker]
+        found = []
+        for section in (*driven, self.analog_output, *self.electrode_monitors):
+            said = {} if section is None else section.model_dump()
+            found += [str(said[key]) for key in ("resource", "device", "line") if said.get(key) is not None]
+            if "host" in said:
+                found.append(f"{said['host']}:{said['port']}")
+            elif isinstance(said.get("port"), str):
+                found.append(said["port"])
+        return found
 
     @property
     def monitor_reach_hz(self) -> float:

@@ -16,6 +16,7 @@ from typing import Self
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.patience import done_within
 from haptic_driver.rig import config as rig_config
+from haptic_driver.rig.claims import Claims
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import OffEvidence, tried
 from haptic_driver.rig.part import (
@@ -146,8 +147,10 @@ def connect_devices(
         config, transport or generator_transport(config), force_sensor, lines,
         modulated=not isinstance(config.analog_output, NoAnalogOutput), heartbeats=beaten, on_event=on_event,
     )  # fmt: skip
-    opening = [*parts.before_rig, rig.connect, *parts.after_rig]
-    return Devices(rig, force_sensor, tracker, stage, output, watchdog, opening, parts.closing, monitors)
+    claims = Claims(config.addresses)
+    opening = [claims.take, *parts.before_rig, rig.connect, *parts.after_rig]
+    closing = [*parts.closing, claims.release]
+    return Devices(rig, force_sensor, tracker, stage, output, watchdog, opening, closing, monitors)
 
 
 def build_rig(

@@ -14,6 +14,7 @@ from hw.analog.output import AnalogOutput, OutputUnderrun
 from hw.errors import DeviceError
 from hw.generator.settings import ModulationInput
 
+ROUNDING = 1.0 + 1e-8  # of what is at its limit, which is worked out twice
 LEAST_LEAD_S = 0.003  # two ticks, and one for what the machine always is late by
 MOST_LEAD_S = 0.03  # a stall that takes longer costs a gap: everything would come late for its sake
 LEAD_STEP_S = 0.001  # render takes up each new lead
@@ -95,16 +96,17 @@ class EnvelopeWriter:
 
         Nothing is above what it was where it may not rise. Raises HapticError for a course beyond full scale.
         """
+        if not may_rise:  # another carrier is on its way: the course may be meant for that
+            most_v2 = min(self._power_v2, full_scale_v**2)
+            course = course._replace(powers_v2=np.minimum(course.powers_v2, most_v2))
         highest_v2 = float(course.powers_v2.max(initial=0.0))
-        if not highest_v2 <= full_scale_v**2:
+        if not highest_v2 <= ROUNDING * full_scale_v**2:
             self.rest()
             raise HapticError(
                 "beyond_full_scale",
                 f"{highest_v2**0.5:g} V does not fit a carrier of {full_scale_v:g} V",
                 "the stages before it should not have asked for that; look at the rig's limits",
             )
-        if not may_rise:
-            course = course._replace(powers_v2=np.minimum(course.powers_v2, self._power_v2))
         gaps = self._output.gaps
         try:
             self._write(course, full_scale_v, lead_s)

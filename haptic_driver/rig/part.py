@@ -14,14 +14,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, ca
 from pydantic import (
     AfterValidator,
     Field,
-    FiniteFloat,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     ValidationError,
 )
-from pydantic_core import CoreSchema, InitErrorDetails, PydanticKnownError, core_schema
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, PydanticKnownError, core_schema
 
-from haptic_driver.config import Kinds, Section
+from haptic_driver.config import Kinds, Section, Within
 from hw import plugins
 
 if TYPE_CHECKING:
@@ -40,9 +39,18 @@ NO_WATCHDOG = "none"
 
 Device = TypeVar("Device")
 
-Positive = Annotated[FiniteFloat, Field(gt=0.0)]
-NotNegative = Annotated[FiniteFloat, Field(ge=0.0)]
-Seconds = Annotated[FiniteFloat, Field(gt=0.0, le=60.0)]
+Volts = Annotated[float, Within(1e-3, 1000.0, "no electrode under a finger is driven with more")]
+DirectVolts = Annotated[float, Within(0.0, 1000.0, "no electrode under a finger is driven with more")]
+LineVolts = Annotated[float, Within(-10.0, 10.0, "inputs and outputs of cards and generators end at 10 V")]
+Hertz = Annotated[float, Within(1e-6, 20e6, "no generator or card here is faster")]
+SampleRate = Annotated[float, Within(1.0, 1e10, "no converter is faster")]
+MonitorHertz = Annotated[float, Within(1.0, 1e9, "a slower monitor shows no carrier, and none is faster")]
+MonitorNoise = Annotated[float, Within(0.0, 10.0, "monitor lines end at 10 V")]
+LoadNewtons = Annotated[float, Within(1e-3, 20.0, "no fingertip slides under more, and no sensor tells less")]
+ForceRange = Annotated[float, Within(0.1, 200.0, "no sensor under a fingertip measures more")]
+Farads = Annotated[float, Within(0.0, 1e-6, "no electrode, panel and wiring have more")]
+Metres = Annotated[float, Within(-2.0, 2.0, "no screen or stage is larger")]
+Seconds = Annotated[float, Within(1e-6, 60.0, "nothing here waits for longer")]
 Axis = Annotated[str, Field(pattern=r"^[+-]?[xyz]$")]
 Port = Annotated[int, Field(ge=1, le=65535)]
 
@@ -192,7 +200,10 @@ def _is_own(value: str) -> bool:
 
 
 def _below(name: str, error: ValidationError) -> ValidationError:
-    found = [cast(InitErrorDetails, {**fault, "loc": (name, *fault["loc"])}) for fault in error.errors()]
+    found: list[InitErrorDetails] = []
+    for fault in error.errors():
+        same: Any = PydanticCustomError(fault["type"], fault["msg"], fault.get("ctx"))
+        found.append({"type": same, "loc": (name, *fault["loc"]), "input": fault["input"]})
     return ValidationError.from_exception_data(error.title, found)
 
 

@@ -26,6 +26,7 @@ from hw.generator.contract import Generator
 from hw.generator.settings import Shape
 
 ROUNDING = 1.0 + 1e-6
+LOOK_S = 1.0  # between looks at an output that is off
 
 
 class _SetPoint(NamedTuple):
@@ -87,7 +88,7 @@ class Rig:
         self._interval_s = config.output.setpoint_interval_s
         self._step_v = config.output.voltage_rise_v_per_s * self._interval_s
         self._written: _SetPoint | None = None
-        self._refreshed_s = self._beaten_s = self._rested_s = self._tried_off_s = -math.inf
+        self._refreshed_s = self._beaten_s = self._rested_s = self._tried_off_s = self._looked_s = -math.inf
 
     @property
     def state(self) -> RigState:
@@ -150,6 +151,8 @@ class Rig:
     def watch(self, time_s: float) -> None:
         """Switch off what is not refreshed, compare monitor and command, look at the fault line, retry a failed off.
 
+        An output that is off is asked about every second: somebody may have switched it on by hand.
+
         For whoever watches over the caller; refreshes nothing. Raises HapticError when the rig trips
         or the output cannot be shown to be off.
         """
@@ -162,6 +165,7 @@ class Rig:
         with self._switch.energising(wait=False) as free, self._safe():
             if free:  # else another thread is at it, and checks by itself
                 self._switch.check(time_s)
+                self._look(time_s)
 
     def read_force(self) -> ForceReading:
         """The force sensor's present reading."""
@@ -252,6 +256,14 @@ class Rig:
         retry = not 0.0 <= time_s - self._tried_off_s < self._safety.off_retry_s
         if self._switch.may_be_on or (retry and not self._states.output.shown_off):
             self._off_for_certain(time_s)
+
+    def _look(self, time_s: float) -> None:
+        """See that an output that was switched off still is; what was true once is no evidence for long."""
+        if self._switch.may_be_on:
+            self._looked_s = -math.inf
+        elif not 0.0 <= time_s - self._looked_s < LOOK_S:
+            self._looked_s = time_s
+            self._switch.look()
 
     def _rest(self, time_s: float) -> None:
         """Have heartbeats hear from us between two touches, too: one that has stopped is known within its period."""

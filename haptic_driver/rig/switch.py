@@ -109,6 +109,11 @@ class OutputSwitch:
         if contradiction:
             self._trip(contradiction)
 
+    def look(self) -> None:
+        """Trip when the generator says that it is on, though it was switched off: somebody else drives it."""
+        if self._generator.is_on():
+            self._trip("the generator's output is on, though it was switched off: somebody else switched it on")
+
     def off(self) -> OffEvidence:
         """Off at once, from any thread, and what is known of it. Never raises, and always concludes."""
         free, evidence = False, NOTHING_KNOWN

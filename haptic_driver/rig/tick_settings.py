@@ -6,6 +6,7 @@ from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
 from haptic_driver.render.feedback import FeedbackSettings
 from haptic_driver.render.finger import FingerSettings
+from haptic_driver.render.safety import table_of
 from haptic_driver.render.texture import Target
 from haptic_driver.render.tick import TickSettings
 from haptic_driver.rig.config import RigConfig
@@ -38,5 +39,10 @@ def tick_settings(
     latency_s = config.output.latency_s if output_latency_s is None else output_latency_s
     finger = FingerSettings(**config.finger.model_dump(), output_latency_s=latency_s, longest_age_s=longest_age_s)
     return TickSettings(
-        finger, texture, Controller(controller), limits, DriveSettings(config.output.voltage_rise_v_per_s)
+        finger,
+        texture,
+        Controller(controller),
+        limits,
+        DriveSettings(config.output.voltage_rise_v_per_s),
+        table_of(file.worst_case),
     )

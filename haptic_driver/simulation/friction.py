@@ -99,7 +99,7 @@ def surface_friction(file: SurfaceFile, limits: OperatingLimits) -> FrictionLaw:
         load_n = max(normal_force_n, LEAST_FORCE_N)
         cof = cof_at(surface, frequency_hz, voltage_v, load_n)
         if file.correction is not None:
-            finger = FingerState(time_s, 0.0, 0.0, speed_m_s, 0.0, load_n, True)
+            finger = FingerState(time_s, 0.0, 0.0, speed_m_s, 0.0, load_n, True, contact_s=time_s)
             off, rise = factors_at(file.correction, frequency_hz, voltage_v, finger)
             low = cof_at(surface, frequency_hz, 0.0, load_n)
             cof = off * low + rise * (cof - low)

@@ -34,7 +34,8 @@ class SimulatedInstruments(RunningTogether):
     line. `wrap` may put something between the generator and its socket, such as faults. `on_drive` hears (frequency_hz,
     voltage_v) whenever what is at the electrode may have changed. Without `force_rate_hz` the force sensor sends by
     `force_box.emit` alone, pressing along -z and sliding along x. `card` stands in for one of this process alone.
-    `time_s` is what a card plays by; it may be set to that of a clock before time passes.
+    `time_s` is what a card plays by; it may be set to that of a clock before time passes. The finger's law has the time
+    since the touch, or that of the plant without `ages_from_touch`.
     """
 
     def __init__(
@@ -56,6 +57,7 @@ class SimulatedInstruments(RunningTogether):
         self.card = (card or CardMemory()) if has_card else None
         self.time_s = 0.0
         self.finger_gain = 1.0
+        self.ages_from_touch = True
         self._friction = friction
         self.speed_m_s = 0.0
         self.plant = FingerPlant(
@@ -112,6 +114,8 @@ class SimulatedInstruments(RunningTogether):
             if (offset_v, waveform) != SINE_WITHOUT_BIAS:
                 frequency_hz, voltage_v, told = f, v, (offset_v, waveform)
         law, time_s = self._friction, self.plant.time_s
+        if self.ages_from_touch:
+            time_s -= self.plant.touched_s
         return self.finger_gain * law(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s, *told)
 
     def _drive(self, output: TerminalOutput) -> None:

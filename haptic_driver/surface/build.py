@@ -13,8 +13,9 @@ import numpy as np
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.correction import Correction
-from haptic_driver.signals import Array
+from haptic_driver.signals import Array, Mask
 from haptic_driver.surface.file import CofInterval, SurfaceFile
+from haptic_driver.surface.worst_case import CORRECTION_TIMES_S, needs, worst_case
 from model.analysis import uncertainty
 from model.conditions import Conditions, sines
 from model.description import ModelDescription
@@ -22,12 +23,12 @@ from model.touch import SPEED_REFERENCE_M_S
 from model.touch_model import TouchModel
 
 MOST_POINTS = 20_000_000
+VOLTAGE_HALVINGS = 20
 CORRECTION_FREQUENCIES = 25
 CORRECTION_SPEEDS_M_S = SPEED_REFERENCE_M_S * 25.0 ** np.linspace(-1.0, 1.0, 15)
 REFERENCE = CORRECTION_SPEEDS_M_S.size // 2  # the speed at which surfaces are solved
 CORRECTION_VOLTAGES = np.array([0.1, 0.3, 0.5, 0.65, 0.8, 0.9, 1.0])  # of the highest
 LEAST_RISE = 1e-9  # of friction without voltage: a smaller one is rounding, and there is nothing to correct
-CORRECTION_TIMES_S = np.concatenate([[0.0], np.geomspace(0.1, 1e5, 60)])
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ def axes_within(description: ModelDescription, axes: SurfaceAxes | None = None) 
     ranges = description.learned_form.ranges
     frequency = ranges.get("frequency_hz", (axes.frequency_low_hz, axes.frequency_high_hz))
     load = ranges.get("normal_force_n", (axes.normal_force_low_n, axes.normal_force_high_n))
-    return replace(
+    within = replace(
         axes,
         frequency_low_hz=max(axes.frequency_low_hz, frequency[0]),
         frequency_high_hz=min(axes.frequency_high_hz, frequency[1]),
@@ -93,6 +94,22 @@ def axes_within(description: ModelDescription, axes: SurfaceAxes | None = None) 
         normal_force_low_n=max(axes.normal_force_low_n, load[0]),
         normal_force_high_n=min(axes.normal_force_high_n, load[1]),
     )
+    known_v, unknown_v = 0.0, within.voltage_high_v
+    if not _outside(description, within):
+        return within
+    for _ in range(VOLTAGE_HALVINGS):  # an effect of the drive makes more of the voltage before the learned one sees it
+        middle_v = 0.5 * (known_v + unknown_v)
+        if _outside(description, replace(within, voltage_high_v=middle_v)):
+            unknown_v = middle_v
+        else:
+            known_v = middle_v
+    return replace(within, voltage_high_v=known_v)
+
+
+def _outside(description: ModelDescription, axes: SurfaceAxes) -> str:
+    """What of the axes a learned effect does not know, in words; empty where it knows all."""
+    f, v, n = axes.frequency_hz, axes.voltage_v, axes.normal_force_n
+    return description.outside(sines(f[:, None, None], v[:, None], n, SPEED_REFERENCE_M_S, 0.0))
 
 
 def build_surface(
@@ -104,17 +121,18 @@ def build_surface(
     """Solve the model on every point of the axes; `with_interval` adds how far friction may be off.
 
     `limits` only mark `within_limits`, the rig applies its own. A quarter of a second of one core, half a second with
-    the slowest effects, twice as much again with an interval (`benchmarks/surface_rebuild.py`); a new roughness shape
+    the slowest effects, twice as much again with an interval (`benchmarks/surface_build.py`); a new roughness shape
     needs a gap table first, a second, once. Without `axes` the usual ones, as far as the model goes; BadInputError
     where those given reach beyond what a learned effect was learned from.
     """
     axes = axes or axes_within(description)
     f, v, n = axes.frequency_hz, axes.voltage_v, axes.normal_force_n
-    if outside := description.outside(sines(f[:, None, None], v[:, None], n, SPEED_REFERENCE_M_S, 0.0)):
+    if outside := _outside(description, axes):
         hint = "Build within its range, measure there and diagnose again, or remove [effects.learned]"
         raise BadInputError("outside_range", f"model '{description.name}' has learned nothing at {outside}", hint)
     touch = TouchModel(description)
     solved = touch.surface(f, v, n)
+    stuck_a_per_v, electrode_gain = worst_case(description, f, v)
     interval = None
     if with_interval and not description.is_published:
         interval = CofInterval(*uncertainty.cof_interval(description, f, v, n, solved.cof))
@@ -125,11 +143,18 @@ def build_surface(
         cof=solved.cof,
         electrostatic_force_n=solved.electrostatic_force_n,
         current_rms_a=solved.current_rms_a,
-        stuck_current_rms_a=solved.stuck_current_rms_a[:, :, 0],
+        stuck_current_a_per_v=stuck_a_per_v,
+        electrode_gain=electrode_gain,
         slew_v_per_s=2.0 * np.pi * f[:, None] * v,
-        pulled_in=solved.pulled_in,
+        pulled_in=solved.pulled_in | _pulled_in_at_other_speeds(touch, f, v, n),
         within_theory=solved.within_theory,
-        within_limits=limits.permits(f[:, None, None], v[:, None], solved.current_rms_a, solved.stuck_current_rms_a),
+        within_limits=limits.permits(
+            f[:, None, None],
+            v[:, None],
+            solved.current_rms_a,
+            (v * stuck_a_per_v)[:, :, None],
+            (v * electrode_gain)[:, :, None],
+        ),
         provenance={
             "model": description.provenance(),
             "model_hash": description.content_hash,
@@ -144,6 +169,14 @@ def build_surface(
         correction=_correction(touch, axes),
         cof_interval=interval,
     )
+
+
+def _pulled_in_at_other_speeds(touch: TouchModel, f: Array, v: Array, n: Array) -> Mask | bool:
+    """Where the contact pulls in at a speed at which a finger may be, though not at the usual one."""
+    if not needs(touch.description, "speed_m_s"):
+        return False
+    found = [touch.surface(f, v, n, speed).pulled_in for speed in CORRECTION_SPEEDS_M_S[[0, -1]]]
+    return np.asarray(found[0] | found[1])
 
 
 def is_of(surface: SurfaceFile, description: ModelDescription) -> bool:
@@ -166,8 +199,7 @@ def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:
     n = axes.normal_force_n
     voltage = np.concatenate([[0.0], CORRECTION_VOLTAGES * axes.voltage_high_v])
 
-    speed_matters = any("speed_m_s" in effect.needs for effect in touch.description.effects)
-    speeds = CORRECTION_SPEEDS_M_S if speed_matters else np.array([SPEED_REFERENCE_M_S])
+    speeds = CORRECTION_SPEEDS_M_S if needs(touch.description, "speed_m_s") else np.array([SPEED_REFERENCE_M_S])
     cof = touch.cof_at_speeds(f, voltage, n, speeds).transpose(0, 3, 1, 2)  # [f, n, s, v]
     cof = np.broadcast_to(cof, (f.size, n.size, CORRECTION_SPEEDS_M_S.size, voltage.size))
     off, rise = cof[0, :, :, 0], cof[:, :, :, 1:] - cof[:, :, :, :1]

@@ -1,9 +1,11 @@
 """The lookup surface as a file: HDF5, readable from MATLAB, with full provenance and a content hash.
 
 Datasets `frequency_hz` [f], `voltage_v` [v], `normal_force_n` [n]; `cof`, `electrostatic_force_n`, `current_rms_a` and
-the masks `pulled_in`, `within_theory`, `within_limits` [f, v, n]; `stuck_current_rms_a`, `slew_v_per_s` [f, v]; where
-speed or time matter, the fields of `render/correction.py` as `correction_*`; where the model's uncertainty was carried
-along, `cof_low` and `cof_high` [f, v, n], between which friction lies with 68 % probability.
+the masks `pulled_in`, `within_theory`, `within_limits` [f, v, n]; `slew_v_per_s` [f, v]; per volt that is set,
+for the worst load and time, `stuck_current_a_per_v` (A rms) and `electrode_gain` [f, v], which a reader works out anew
+from the model in the provenance; where speed or time matter, the fields of `render/correction.py` as `correction_*`;
+where the model's uncertainty was carried along, `cof_low` and `cof_high` [f, v, n], between which friction lies with
+68 % probability.
 Attributes are strings and floats only (MATLAB's h5readatt fails on integers).
 """
 
@@ -23,17 +25,19 @@ from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import replacing
-from haptic_driver.limits import OperatingLimits
+from haptic_driver.limits import OperatingLimits, WorstCase
 from haptic_driver.render.correction import Correction
 from haptic_driver.render.surface import Surface
 from haptic_driver.signals import Array, Mask
 from haptic_driver.surface import labelled
+from haptic_driver.surface.worst_case import worst_case
+from model.description import ModelDescription
 from model.support.interpolation import linear_weights, polynomial_weights
 
 FORMAT = "haptic-driver surface"
-FORMAT_VERSION = 1.1
-READABLE_VERSIONS = (1.0, FORMAT_VERSION)  # 1.0 has no interval of friction
+FORMAT_VERSION = 2.0  # those before have no worst case by which a voltage could be judged
 CORRECTION, COF = "correction_", "cof_"  # before the names of a correction's datasets, and of an interval's
+SAME = 1e-6  # between two machines
 ROUNDING = 1e-9  # kept clear of a limit, so that its own check by another path never fails by rounding
 FORCE_REFINEMENT = 4  # cells of the look-up per cell of the file along normal force
 FORCE_LEVELS = 5  # nearest, that a polynomial between them goes through
@@ -56,7 +60,8 @@ class SurfaceFile:
     cof: Array
     electrostatic_force_n: Array
     current_rms_a: Array
-    stuck_current_rms_a: Array
+    stuck_current_a_per_v: Array
+    electrode_gain: Array
     slew_v_per_s: Array
     pulled_in: Mask
     within_theory: Mask
@@ -95,10 +100,19 @@ class SurfaceFile:
         """Friction [f, v] under one load of the surface's range, and what the limits allow on both sides of it."""
         nodes = self.normal_force_n
         above = int(np.clip(np.searchsorted(nodes, normal_force_n), 1, nodes.size - 1))
-        off = self.cof[:, :1]
-        rise = _refined((self.cof - off) * nodes, self, np.array([normal_force_n])) / normal_force_n
+        cof = _cof_under(self, np.array([normal_force_n]))
         allowed = self.within_limits[:, :, above - 1] & self.within_limits[:, :, above]
-        return rise[:, :, 0] + off[:, :, 0], allowed
+        return cof[:, :, 0], allowed
+
+    @property
+    def stuck_current_rms_a(self) -> Array:
+        """Into a stuck or wet finger [f, v], A rms."""
+        return self.voltage_v * self.stuck_current_a_per_v
+
+    @cached_property
+    def worst_case(self) -> WorstCase:
+        """What finger and electrode get at most, for whatever judges voltages."""
+        return WorstCase.of(self.frequency_hz, self.voltage_v, self.stuck_current_a_per_v, self.electrode_gain)
 
     def _datasets(self) -> dict[str, NDArray[Any]]:
         own = {name: getattr(self, name) for name in _REQUIRED}
@@ -136,7 +150,7 @@ def read_surface(path: Path) -> SurfaceFile:
             if file.attrs.get("format") != FORMAT:
                 raise BadInputError("surface_foreign", f"{path}: is HDF5 but not a haptic-driver surface", rebuild)
             version = float(file.attrs["format_version"])
-            if version not in READABLE_VERSIONS:
+            if version != FORMAT_VERSION:
                 raise BadInputError(
                     "surface_version", f"{path}: has format {version:g}, this program reads {FORMAT_VERSION:g}", rebuild
                 )
@@ -161,6 +175,15 @@ def read_surface(path: Path) -> SurfaceFile:
         raise BadInputError(
             "surface_corrupt", f"{path}: its content does not match its hash; the file is damaged", rebuild
         )
+    try:
+        model = ModelDescription.of(surface.provenance["model"])
+        worst = worst_case(model, surface.frequency_hz, surface.voltage_v)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        said = f"it names no model by which its limits could be checked ({type(error).__name__}: {error})"
+        raise BadInputError("surface_corrupt", f"{path}: {said}", rebuild) from error
+    if not np.allclose(worst, (surface.stuck_current_a_per_v, surface.electrode_gain), rtol=SAME, atol=0.0):
+        said = "its worst case is not that of the model which it names, and limits are judged by that"
+        raise BadInputError("surface_corrupt", f"{path}: {said}", rebuild)
     return surface
 
 
@@ -182,39 +205,53 @@ def cof_interval_at(
 def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
     """The surface as the controller reads it: finer along normal force, the rig's limits applied.
 
-    What is refined is the rise of friction times F_n/V^2, which is smooth where friction is not. A forbidden point ends
-    the voltage range of its row, so nothing beyond the first of them is ever offered.
+    A forbidden point ends the voltage range of its row, so nothing beyond the first of them is ever offered.
     """
     nodes = file.normal_force_n
     force = np.geomspace(nodes[0], nodes[-1], (nodes.size - 1) * FORCE_REFINEMENT + 1)
-    cof_off = file.cof[:, :1]
-    rise = _refined((file.cof - cof_off) * nodes, file, force) / force
+    known = _cof_under(file, force)
+    if not np.isfinite(known).any():
+        said = f"by model '{file.provenance['model']['name']}' the finger sticks to the screen without any voltage"
+        raise BadInputError("no_equilibrium", said, "look at its effects: the contact pulls in")
     current = _refined(file.current_rms_a, file, force)
-    cof = np.where(np.isfinite(rise), rise, np.nanmax(rise)) + cof_off[:, :, :1]
-    per_volt = file.stuck_current_rms_a[:, -1] / file.voltage_v[-1]
+    cof = np.where(np.isfinite(known), known, np.nanmax(known))
 
     above = np.minimum(np.searchsorted(nodes, force), nodes.size - 1)
     below = np.maximum(above - 1, 0)
     sound = file.within_theory & ~file.pulled_in
-    sound = sound[:, :, above] & sound[:, :, below] & np.isfinite(rise) & np.isfinite(current)
+    sound = sound[:, :, above] & sound[:, :, below] & np.isfinite(known) & np.isfinite(current)
     sound &= np.nan_to_num(current) <= limits.contact_current_limit_a_rms(file.frequency_hz)[:, None, None]
     last_sound = np.where(sound.all(axis=1), sound.shape[1], np.argmin(sound, axis=1)) - 1
-    proportional = limits.highest_voltage_v(file.frequency_hz, per_volt) * (1.0 - ROUNDING)
-    limit_v = np.minimum(proportional[:, None], file.voltage_v[np.maximum(last_sound, 0)])
+    allowed_v = limits.highest_within_v(file.worst_case) * (1.0 - ROUNDING)
+    limit_v = np.minimum(allowed_v[:, None], file.voltage_v[np.maximum(last_sound, 0)])
     return Surface(
         log_frequency=np.log(file.frequency_hz),
         log_normal_force=np.log(force),
         voltage_v=file.voltage_v,
         cof=np.ascontiguousarray(cof.transpose(0, 2, 1)),
         current_rms_a=np.ascontiguousarray(np.nan_to_num(current).transpose(0, 2, 1)),
-        stuck_current_a_per_v=per_volt,
+        stuck_current_a_per_v=file.worst_case.stuck_current_a_per_v,
+        electrode_gain=file.worst_case.electrode_gain,
         voltage_limit_v=np.ascontiguousarray(limit_v),
     )
 
 
+def _cof_under(file: SurfaceFile, force: Array) -> Array:
+    """Friction [f, v, n] under other loads.
+
+    What is refined is friction without voltage, and its rise times F_n/V^2, which is smooth where friction is not.
+    """
+    nodes = file.normal_force_n
+    off = file.cof[:, :1]
+    rise = _refined((file.cof - off) * nodes, file, force) / force
+    weights = polynomial_weights(np.log(nodes), np.log(force), FORCE_LEVELS)
+    return np.asarray(rise + np.exp(np.log(off) @ weights.T))
+
+
 def _refined(values: Array, file: SurfaceFile, force: Array) -> Array:
     """`values` [f, v, n] on the finer normal forces: polynomials of log(values) over log force; 0 at V = 0."""
-    scaled = np.log(values[:, 1:])
+    with np.errstate(divide="ignore", invalid="ignore"):  # where voltage does nothing, or less than that
+        scaled = np.log(values[:, 1:])
     known = np.asarray(np.isfinite(scaled).all(axis=2))
     weights = polynomial_weights(np.log(file.normal_force_n), np.log(force), FORCE_LEVELS)
     fine = np.zeros((*values.shape[:2], force.size))

@@ -10,6 +10,7 @@ from haptic_driver.errors import optional
 UNITS = {
     "_m_s": "m/s",
     "_v_per_s": "V/s",
+    "_a_per_v": "A/V",
     "_hz": "Hz",
     "_v": "V",
     "_a": "A",

@@ -15,7 +15,8 @@ class FingerPlant:
     Friction on an electroadhesive screen answers a change with a first-order lag whose cut-off is proportional
     to the sliding speed, 13.8 Hz per mm/s (arXiv 2505.11162): the finger forgets as it slides on. The step is
     the lag's exact solution, 1 - exp(-2 pi f_c dt), so the result does not depend on the step while inputs are
-    constant; at zero speed the friction is frozen. Every contact starts from its friction at zero voltage.
+    constant; at zero speed the friction is frozen. Every contact starts from its friction at zero voltage, at
+    `touched_s` of its clock `time_s`.
     """
 
     def __init__(self, friction: FrictionForce, *, cutoff_hz_per_mm_s: float = 13.8) -> None:
@@ -23,6 +24,7 @@ class FingerPlant:
         self._cutoff_hz_per_mm_s = cutoff_hz_per_mm_s
         self._lagged_n: float | None = None
         self.time_s = 0.0
+        self.touched_s = 0.0
         self.normal_force_n = 0.0
         self.lateral_force_n = 0.0
 
@@ -34,12 +36,13 @@ class FingerPlant:
         `voltage_v` is the peak at the electrode, `normal_force_n` <= 0 means no contact, the sign of
         `speed_m_s` does not matter to the lag.
         """
-        self.time_s += dt_s
+        before_s, self.time_s = self.time_s, self.time_s + dt_s
         self.normal_force_n = max(normal_force_n, 0.0)
         if normal_force_n <= 0.0:
             self._lagged_n, self.lateral_force_n = None, 0.0
             return 0.0
         if self._lagged_n is None:
+            self.touched_s = before_s
             self._lagged_n = self._friction(frequency_hz, 0.0, normal_force_n, speed_m_s)
         steady_n = self._friction(frequency_hz, voltage_v, normal_force_n, speed_m_s)
         cutoff_hz = self._cutoff_hz_per_mm_s * abs(speed_m_s) * 1e3

@@ -66,6 +66,9 @@ class Generator(Protocol):
     def set_output(self, on: bool) -> None:
         """Switch the output and read it back."""
 
+    def is_on(self) -> bool:
+        """Ask whether the output is on, and change nothing."""
+
     def off(self) -> bool | None:
         """Lowest level, output off, and ask."""
 

@@ -143,6 +143,11 @@ class GeneratorDriver(ABC):
                 self._program(believed, believed)
             self._check_output(self._switch(on), on=on)
 
+    def is_on(self) -> bool:
+        """Ask whether the output is on, whoever switched it."""
+        with self._forgetting_on_failure():
+            return self._ask_output()
+
     def off(self) -> bool | None:
         """Levels to their minimum, output off, and ask whether it is off; at second try the output alone.
 

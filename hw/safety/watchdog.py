@@ -361,7 +361,7 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGTTOU"):  # the last where its terminal stops who writes unasked
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
-    log = DroppingHandler(logging.StreamHandler())
+    log = DroppingHandler()
     logging.basicConfig(format="%(asctime)s watchdog: %(message)s", level=logging.INFO, handlers=[log])
     instruments = _instruments(settings)
     silent = [instrument.resource for instrument in instruments if not _answers(instrument)]

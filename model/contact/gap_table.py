@@ -128,14 +128,22 @@ def _read(shape: SelfAffineShape, path: Path) -> GapTable | None:
     """The cached table; None where it is absent or damaged, for it is only a cache."""
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            values, mass = file["values"], file["mass"]
+            values, mass, checksum = file["values"], file["mass"], str(file["checksum"])
     except (OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile):
         return None
     shapes = (LOG_P_AXIS[2], LOG_Z_AXIS[2], ANGLE_AXIS[2], 3), (LOG_P_AXIS[2], gap_nodes().size)
     for numbers, expected in zip((values, mass), shapes, strict=True):
         if numbers.dtype != np.float64 or numbers.shape != expected or not np.isfinite(numbers).all():
             return None
-    return GapTable(shape, values, mass)
+    return GapTable(shape, values, mass) if checksum == _checksum(values, mass) else None
+
+
+def _checksum(*arrays: Array) -> str:
+    """Over every number: the file's name says what it should hold, and this that it does."""
+    digest = hashlib.sha256()
+    for numbers in arrays:
+        digest.update(np.ascontiguousarray(numbers).tobytes())
+    return digest.hexdigest()
 
 
 def _write(path: Path, table: GapTable) -> None:
@@ -145,7 +153,7 @@ def _write(path: Path, table: GapTable) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             with part.open("wb") as stream:
-                np.savez(stream, values=table.values, mass=table.mass)
+                np.savez(stream, values=table.values, mass=table.mass, checksum=_checksum(table.values, table.mass))
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)

@@ -76,6 +76,14 @@ class LearnedForm:
     lowest_voltage_v: float
     with_phase: bool = False
 
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> LearnedForm:
+        """The form again, from what `asdict` made of it, also after JSON."""
+        terms = [
+            Term(tuple(term["inputs"]), tuple(map(tuple, term["nodes"])), term["amplitude"]) for term in given["terms"]
+        ]
+        return cls(**{**given, "terms": tuple(terms)})
+
     @property
     def place(self) -> Stage:
         """Of the chain."""

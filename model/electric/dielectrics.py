@@ -7,10 +7,11 @@ theirs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from math import pi
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -137,3 +138,24 @@ def read_csv(path: Path) -> Tabulated:
         eps_real=tuple(eps_real.tolist()),
         conductivity_s_per_m=tuple(conductivity.tolist()),
     )
+
+
+KINDS = {kind.__name__: kind for kind in (ColeCole, PowerLaw, Tabulated)}
+
+
+def described(dielectric: Dielectric) -> dict[str, Any]:
+    """A set as JSON can hold it."""
+    assert isinstance(dielectric, ColeCole | PowerLaw | Tabulated)
+    return {"kind": type(dielectric).__name__} | asdict(dielectric)
+
+
+def of_description(given: Mapping[str, Any]) -> Dielectric:
+    """The set again; KeyError or TypeError where it is not described so."""
+    numbers = {key: _tuples(value) for key, value in given.items() if key != "kind"}
+    made: Dielectric = KINDS[given["kind"]](**numbers)
+    return made
+
+
+def _tuples(value: Any) -> Any:
+    """What JSON made lists of."""
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value

@@ -16,7 +16,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 
-from model.support.cache import cache_dir
+from model.support.cache import code_cache
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -38,7 +38,7 @@ def _sources_hash() -> str:
     return digest.hexdigest()[:16]
 
 
-_FOLDER = str(cache_dir() / "kernels" / _sources_hash())
+_FOLDER = str(code_cache() / _sources_hash())
 
 
 def kernel(function: F) -> F:

@@ -36,7 +36,7 @@ def test_every_key_that_a_rig_may_have_is_on_the_page() -> None:
 def test_a_row_says_type_range_unit_default_and_meaning() -> None:
     page = (DOCS / "configuration.md").read_text(encoding="utf-8")
     safety = page.split("### `[safety]`")[1].split("###")[0]
-    row = "| `lease_s` | number, > 0, ≤ 60 | s | 0.5 | output that is not refreshed for so long goes to zero |"
+    row = "| `lease_s` | number, ≥ 0.001, ≤ 10 | s | 0.5 | output that is not refreshed for so long goes to zero |"
     assert row in safety.splitlines()
 
 

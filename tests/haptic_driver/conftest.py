@@ -10,6 +10,7 @@ import pytest
 
 from haptic_driver.cli.main import main
 from haptic_driver.processes.shared_memory import SharedState
+from haptic_driver.render.safety import Worst, table_of, violation, worst_at
 from haptic_driver.rig.config import load_rig
 from haptic_driver.surface.build import SurfaceAxes, build_surface
 from haptic_driver.surface.file import FORCE_REFINEMENT, SurfaceFile, ready_for_lookup
@@ -61,6 +62,17 @@ def surface_file(model_description, limits):
 @pytest.fixture(scope="session")
 def surface(surface_file, limits):
     return ready_for_lookup(surface_file, limits)
+
+
+@pytest.fixture(scope="session")
+def refusal(surface_file):
+    """Why the gate refuses a point, by its own table."""
+    table = table_of(surface_file.worst_case)
+
+    def why(limits, point):
+        return violation(limits, point, Worst(*worst_at(table, point.frequency_hz, point.voltage_v)))
+
+    return why
 
 
 @pytest.fixture(scope="session")
@@ -133,7 +145,8 @@ def make_file() -> Callable[..., SurfaceFile]:
             "cof": 0.5 + coefficient[:, None, :] * v[:, None] ** 2,
             "electrostatic_force_n": np.broadcast_to(1e-4 * v[:, None] ** 2, shape).copy(),
             "current_rms_a": np.broadcast_to(1e-7 * v[:, None], shape).copy(),
-            "stuck_current_rms_a": np.broadcast_to(1e-6 * v, shape[:2]).copy(),
+            "stuck_current_a_per_v": np.full(shape[:2], 1e-6),
+            "electrode_gain": np.ones(shape[:2]),
             "slew_v_per_s": 2.0 * np.pi * f[:, None] * v,
             "pulled_in": np.zeros(shape, bool),
             "within_theory": np.ones(shape, bool),

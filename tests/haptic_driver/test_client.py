@@ -244,3 +244,35 @@ def test_a_path_is_sent_whole_and_a_name_as_it_is(stranger, tmp_path, monkeypatc
     with pytest.raises(HapticError, match="no Status"):
         stranger.play("token", asked)
     assert Stranger.heard[-1]["name"] == (str(tmp_path / asked) if is_path else asked)
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can be another user")
+def test_a_program_of_another_user_is_not_believed(tmp_path):
+    """`haptic off` was once answered "idle, output off" by a stranger's program, in a folder of the stranger's."""
+    stranger = 65534
+    path = tmp_path / "theirs" / "d.sock"
+    path.parent.mkdir()
+    tmp_path.chmod(0o755)
+    os.chown(path.parent, 0, 0)
+    path.parent.chmod(0o777)
+    listening = f"""
+import os, socket, time
+os.setuid({stranger})
+with socket.socket(socket.AF_UNIX) as listener:
+    listener.bind({str(path)!r})
+    listener.listen()
+    print("listens", flush=True)
+    time.sleep(1000.0)
+"""
+    for folder in path.parents:
+        if folder.stat().st_uid == 0 and not folder.stat().st_mode & 0o001:
+            folder.chmod(folder.stat().st_mode | 0o011)  # pytest's folders are closed to others
+    with subprocess.Popen([sys.executable, "-c", listening], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout.readline() == "listens\n"
+            with pytest.raises(HapticError) as refused:
+                HapticClient(path)
+            assert refused.value.code == "not_yours"
+            assert f"user {stranger}" in refused.value.message
+        finally:
+            process.kill()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, ClassVar
 
@@ -27,7 +28,7 @@ class OffLane:
 
     def __init__(self, daemon: Daemon) -> None:
         self._daemon = daemon
-        self._threads = ThreadPoolExecutor(OFF_THREADS, "off")
+        self._threads = _started(ThreadPoolExecutor(OFF_THREADS, "off"))
         self._verbs = {f"{verb.method} {verb.path} ".encode(): verb for verb in COMMANDS if verb.switches_off}
 
     def begun(self, data: bytes) -> Future[bytes] | None:
@@ -49,6 +50,14 @@ class OffLane:
         except Exception as error:
             said = HapticError("internal", f"{type(error).__name__}: {error}", "a fault of the program")
             return _response(500, bytes(refusal(500, said).body))
+
+
+def _started(pool: ThreadPoolExecutor) -> ThreadPoolExecutor:
+    """A pool whose threads are all there: when one is needed the machine may have none to give."""
+    all_there = threading.Barrier(OFF_THREADS)
+    for waiting in [pool.submit(all_there.wait) for _ in range(OFF_THREADS)]:
+        waiting.result()
+    return pool
 
 
 class Connection(H11Protocol):

@@ -54,8 +54,7 @@ def _limits_v(surface: SurfaceFile, limits: OperatingLimits, load: int) -> dict[
     ]
     sound = surface.within_theory[:, :, load] & ~surface.pulled_in[:, :, load]
     by_theory = np.where(sound.all(axis=1), math.inf, v[np.maximum(np.argmin(sound, axis=1) - 1, 0)])
-    stuck_a_per_v = surface.stuck_current_rms_a[:, -1] / v[-1]
-    return limits.highest_voltages_v(surface.frequency_hz, stuck_a_per_v) | {
+    return limits.highest_within_by_limit_v(surface.worst_case) | {
         "finger current": np.array(by_current),
         "validity of the model": by_theory,
     }

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from math import inf
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from haptic_driver.rig.part import NotNegative, Part, PartKind, PartSection, Positive, Vouched, Wiring
+from haptic_driver.config import Within
+from haptic_driver.rig.part import MonitorHertz, MonitorNoise, Part, PartKind, PartSection, Vouched, Wiring
 
 if TYPE_CHECKING:
     from hw.amplifier.analog import AnalogAmplifier
@@ -19,16 +20,25 @@ class AmplifierConfig(Vouched, PartSection):
     """
 
     kind: str = "analog"
-    gain_v_per_v: Positive
-    voltage_limit_v: Positive
-    current_limit_a: Positive
-    slew_limit_v_per_s: Positive
-    voltage_monitor_v_per_v: Positive = 0.01
-    current_monitor_v_per_a: Positive = 1.0
-    voltage_monitor_bandwidth_hz: Positive | None = None
-    current_monitor_bandwidth_hz: Positive | None = None
-    voltage_monitor_noise_v: NotNegative = 0.0
-    current_monitor_noise_v: NotNegative = 0.0
+    gain_v_per_v: Annotated[
+        float, Within(0.1, 1e4, "nothing that drives an electrode weakens its input to less, or strengthens it so much")
+    ]
+    voltage_limit_v: Annotated[float, Within(1.0, 50e3, "no amplifier drives an electrode with less or more")]
+    current_limit_a: Annotated[
+        float,
+        Within(1e-4, 10.0, "less does not charge 100 pF to 100 V at 1.6 kHz; no high voltage comes with more"),
+    ]
+    slew_limit_v_per_s: Annotated[float, Within(1.0, 1e11, "no high-voltage amplifier is slower or faster")]
+    voltage_monitor_v_per_v: Annotated[
+        float, Within(1e-5, 1.0, "no monitor line has more than the electrode, or so little that it reads as nothing")
+    ] = 0.01
+    current_monitor_v_per_a: Annotated[
+        float, Within(1e-3, 1e6, "no current monitor tells an ampere by less or more")
+    ] = 1.0
+    voltage_monitor_bandwidth_hz: MonitorHertz | None = None
+    current_monitor_bandwidth_hz: MonitorHertz | None = None
+    voltage_monitor_noise_v: MonitorNoise = 0.0
+    current_monitor_noise_v: MonitorNoise = 0.0
     fault_level: bool = True
     voltage_monitor: str | None = None
     current_monitor: str | None = None

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import Field, model_validator
 
-from haptic_driver.rig.part import Part, PartKind, PartSection, Positive, Seconds, Vouched, Wiring
+from haptic_driver.config import Within
+from haptic_driver.rig.part import LineVolts, Part, PartKind, PartSection, SampleRate, Seconds, Vouched, Wiring
 
 if TYPE_CHECKING:
     from hw.analog.output import AnalogOutput, AnalogOutputSettings
@@ -28,13 +29,13 @@ class SomeAnalogOutput(Vouched, PartSection):
     much later is the voltage there. None lets the driver choose by how late this machine is.
     """
 
-    low_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
-    high_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
-    zero_level_v: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
-    sample_rate_limit_hz: Positive
+    low_v: LineVolts
+    high_v: LineVolts
+    zero_level_v: LineVolts
+    sample_rate_limit_hz: SampleRate
     buffer_s: Seconds = 0.1
-    lead_s: Annotated[FiniteFloat, Field(ge=0.0005, le=1.0)] | None = None
-    lease_s: Seconds = 0.5
+    lead_s: Annotated[float, Within(0.0005, 1.0, "no writer is so early, and no voltage may be so late")] | None = None
+    lease_s: Annotated[float, Within(1e-3, 10.0, "a level that nobody refreshes stays no longer")] = 0.5
     timeout_s: Seconds = 0.5
 
     @model_validator(mode="after")
@@ -84,8 +85,8 @@ class SoundAnalogOutputConfig(SomeAnalogOutput):
     kind: Literal["sound"]
     device: str | int | None = None
     channel: Annotated[int, Field(ge=0, le=31)] = 0
-    sample_rate_hz: Positive
-    full_scale_v: Positive
+    sample_rate_hz: SampleRate
+    full_scale_v: Annotated[float, Within(0.01, 20.0, "no sound card's line has less or more")]
     dc_coupled: bool
     latency_s: Seconds = 0.02
 

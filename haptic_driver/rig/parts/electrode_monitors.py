@@ -5,15 +5,19 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import Field, model_validator
 
-from haptic_driver.rig.part import NotNegative, Part, PartKind, PartSection, Positive, Resource, Seconds, Wiring
+from haptic_driver.config import Within
+from haptic_driver.rig.part import Hertz, Part, PartKind, PartSection, Resource, SampleRate, Seconds, Wiring
 
 if TYPE_CHECKING:
     from hw.impedance.e4980a import E4980A
     from hw.monitor.lines import SampledMonitor, Sampling
     from hw.oscilloscope.infiniivision import InfiniiVision
     from hw.transport.contract import Transport
+
+
+InstrumentHertz = Annotated[float, Within(1e-6, 1e9, "no instrument here reaches lower or higher")]
 
 
 class SomeElectrodeMonitor(PartSection):
@@ -38,11 +42,11 @@ class SimulatedElectrodeMonitorConfig(SomeElectrodeMonitor):
     """A converter on the simulated amplifier's monitor lines and on the generator's output."""
 
     kind: Literal["simulated"]
-    sample_rate_hz: Positive
+    sample_rate_hz: SampleRate
     record_s: Seconds = 0.1
     buffer_s: Seconds = 2.0
-    range_v: Positive = 10.0
-    resolution_v: Positive = 20.0 / 2**16
+    range_v: Annotated[float, Within(1e-3, 1e3, "no converter takes less or more")] = 10.0
+    resolution_v: Annotated[float, Within(1e-9, 1.0, "no converter's step is finer or coarser")] = 20.0 / 2**16
 
     def range_hz(self, card_hz: tuple[float, float]) -> tuple[float, float]:
         """One period in the buffer; what does not alias."""
@@ -67,8 +71,8 @@ class CardElectrodeMonitorConfig(SomeElectrodeMonitor):
     kind: Literal["card"]
     reference: str | None = None
     record_s: Seconds = 0.1
-    resolution_v: NotNegative = 0.0
-    conversion_interval_s: Annotated[FiniteFloat, Field(ge=0.0, le=1e-3)] = 0.0
+    resolution_v: Annotated[float, Within(0.0, 1.0, "no converter's step is as coarse")] = 0.0
+    conversion_interval_s: Annotated[float, Within(0.0, 1e-3, "no card is slower from one channel to the next")] = 0.0
 
     @property
     def channels(self) -> list[str]:
@@ -98,8 +102,8 @@ class InstrumentMonitor(SomeElectrodeMonitor):
 
     resource: Resource
     visa_backend: str = "@py"
-    lowest_frequency_hz: Positive
-    highest_frequency_hz: Positive
+    lowest_frequency_hz: Hertz
+    highest_frequency_hz: InstrumentHertz
     reply_timeout_s: Seconds
 
     def range_hz(self, card_hz: tuple[float, float]) -> tuple[float, float]:
@@ -123,8 +127,8 @@ class InfiniiVisionConfig(InstrumentMonitor):
     kind: Literal["infiniivision"]
     voltage_channel: Annotated[int, Field(ge=1, le=4)] = 1
     current_channel: Annotated[int, Field(ge=1, le=4)] = 2
-    lowest_frequency_hz: Positive = 100.0
-    highest_frequency_hz: Positive = 2e6
+    lowest_frequency_hz: Hertz = 100.0
+    highest_frequency_hz: InstrumentHertz = 2e6
     reply_timeout_s: Seconds = 2.0
 
     def identity(self) -> re.Pattern[str]:
@@ -162,10 +166,10 @@ class E4980AConfig(InstrumentMonitor):
     drives: ClassVar[bool] = True
 
     kind: Literal["e4980a"]
-    voltage_limit_v: Annotated[FiniteFloat, Field(gt=0.0, le=28.3)] = 2.8
-    lowest_frequency_hz: Positive = 20.0
-    highest_frequency_hz: Positive = 2e6
-    accuracy: Positive = 1e-3
+    voltage_limit_v: Annotated[float, Within(1e-3, 28.3, "its own levels end at 20 V rms")] = 2.8
+    lowest_frequency_hz: Hertz = 20.0
+    highest_frequency_hz: InstrumentHertz = 2e6
+    accuracy: Annotated[float, Within(1e-6, 1.0, "it is a share of an impedance")] = 1e-3
     reply_timeout_s: Seconds = 10.0
 
     @property

@@ -7,16 +7,20 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field, FiniteFloat
+from pydantic import Field
 
+from haptic_driver.config import Within
 from haptic_driver.errors import BadInputError
-from haptic_driver.rig.part import Part, PartKind, PartSection, Positive, Wiring
+from haptic_driver.rig.part import Metres, Part, PartKind, PartSection, Wiring
 
 if TYPE_CHECKING:
     from hw.finger.touch_screen import TouchCalibration
     from hw.finger.tracker import FingerTracker
 
 STAGE_INTERVAL_S = 0.005  # between questions for the stage's place
+
+
+Direction = Annotated[float, Within(-1.0, 1.0, "it is a part of a unit vector")]
 
 
 class NoFingerTracker(PartSection):
@@ -31,8 +35,8 @@ class StageFingerConfig(PartSection):
     needs_stage = True
 
     kind: Literal["stage"]
-    origin_m: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
-    direction: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)] = Field(default=[1.0, 0.0])
+    origin_m: Annotated[list[Metres], Field(min_length=2, max_length=2)]
+    direction: Annotated[list[Direction], Field(min_length=2, max_length=2)] = Field(default=[1.0, 0.0])
 
 
 def make_stage(section: StageFingerConfig, wiring: Wiring) -> Part[FingerTracker]:
@@ -53,9 +57,9 @@ class EvdevFingerConfig(PartSection):
 
     kind: Literal["evdev"]
     device: str
-    report_rate_hz: Positive = 100.0
+    report_rate_hz: Annotated[float, Within(1.0, 1e5, "no touch screen tells less or more often")] = 100.0
     matrix_m: Annotated[
-        list[Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]], Field(min_length=2, max_length=2)
+        list[Annotated[list[Metres], Field(min_length=3, max_length=3)]], Field(min_length=2, max_length=2)
     ]
     measured_at: datetime.date
     placeholder: bool

@@ -6,16 +6,17 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import Field, FiniteFloat
+from pydantic import Field
 
-from haptic_driver.rig.part import Axis, NotNegative, Part, PartKind, PartSection, Port, Positive, Wiring
+from haptic_driver.config import Within
+from haptic_driver.rig.part import Axis, Farads, ForceRange, LoadNewtons, Part, PartKind, PartSection, Port, Wiring
 
 if TYPE_CHECKING:
     from hw.force.net_ft import NetFt, NetFtSettings
     from hw.force.sensor import GaugeForceSensor, NoForceSensor
 
 
-Range = Annotated[FiniteFloat, Field(gt=0.0, le=200.0)]
+Counts = Annotated[float, Within(1e-3, 1e12, "no box counts a newton by fewer or more")]
 
 
 class ForceSensorSection(PartSection):
@@ -27,8 +28,8 @@ class ForceSensorSection(PartSection):
 
     measures_lateral: ClassVar[bool] = True
 
-    normal_range_n: Range = 50.0
-    lateral_range_n: Range = 50.0
+    normal_range_n: ForceRange = 50.0
+    lateral_range_n: ForceRange = 50.0
 
 
 class SimulatedForceSensorConfig(ForceSensorSection):
@@ -47,8 +48,8 @@ class NoForceSensorConfig(ForceSensorSection):
     measures_lateral = False
 
     kind: Literal["none"]
-    load_n: Positive = 0.5
-    stray_capacitance_f: NotNegative = 0.0
+    load_n: LoadNewtons = 0.5
+    stray_capacitance_f: Farads = 0.0
 
 
 def make_none(section: NoForceSensorConfig, wiring: Wiring) -> Part[NoForceSensor]:
@@ -111,12 +112,12 @@ class NetFtForceSensorConfig(ForceSensorSection):
     kind: Literal["net_ft"]
     host: str
     port: Port = 49152
-    counts_per_n: Positive
-    counts_per_n_m: Positive
-    timeout_s: Annotated[FiniteFloat, Field(gt=0.0, le=5.0)] = 0.1
+    counts_per_n: Counts
+    counts_per_n_m: Counts
+    timeout_s: Annotated[float, Within(1e-3, 5.0, "no record is sooner there; an older one tells another load")] = 0.1
     ignored_status: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
     f_t_sequence_advances: bool = True
-    bias_tolerance_n: Positive = 0.2
+    bias_tolerance_n: Annotated[float, Within(1e-4, 2.0, "more is a finger that presses, and no rest of a bias")] = 0.2
     normal_axis: Axis
     lateral_axis: Axis
 

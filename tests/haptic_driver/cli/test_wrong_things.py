@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from haptic_driver.surface.file import SurfaceFile
@@ -139,12 +137,12 @@ WRONG = [
 
 
 @pytest.fixture(autouse=True)
-def _desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make_file: Callable[..., SurfaceFile]) -> None:
+def _desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_file: SurfaceFile) -> None:
     """A folder with the files of somebody who is new here."""
     for name, content in FILES.items():
         (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     (tmp_path / "folder").mkdir()
-    make_file(np.geomspace(1.0, 1e6, 8), [0.1, 0.5, 2.0], np.linspace(0.0, 150.0, 16)).write(tmp_path / "surface.h5")
+    small_file.write(tmp_path / "surface.h5")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HAPTIC_SOCKET", str(tmp_path / "none.sock"))
 

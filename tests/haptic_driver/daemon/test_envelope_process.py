@@ -45,6 +45,7 @@ class Bench:
             now_s = self.output.time_s
             self.shared.driven.write(Driven(self.gate, 0.0, 250.0, 150.0))
             said = NO_OUTPUT._replace(order=order, time_s=now_s, frequency_hz=250.0, voltage_v=voltage_v)
+            said = said._replace(full_scale_v=150.0)
             self.shared.output.write(said)
             self.shared.courses.write((order, np.full(COURSE_POINTS, voltage_v**2).tobytes()))
             if writes:

@@ -161,7 +161,7 @@ def test_another_surface_between_two_ticks_moves_no_voltage(bench, render_settin
     bench.render(0.65)
     before = slide(0.4)[-1]
     expected = bench.shared.ring.newest(1)["expected_cof"][0]
-    bench.shared.surfaces.write(1, other_surface(render_settings, 0.9, 1.4))
+    bench.shared.surfaces.write(1, (other_surface(render_settings, 0.9, 1.4), render_settings.tick.worst_case))
     bench.command(surface=1)
     after = slide(0.2)
     moved_v = np.diff([before.voltage_v, *(output.voltage_v for output in after)])
@@ -172,13 +172,13 @@ def test_another_surface_between_two_ticks_moves_no_voltage(bench, render_settin
 
 
 def test_a_new_arming_knows_nothing_of_the_finger_but_keeps_the_surface(bench, render_settings):
-    bench.shared.surfaces.write(1, other_surface(render_settings, 1.0, 1.4))
+    bench.shared.surfaces.write(1, (other_surface(render_settings, 1.0, 1.4), render_settings.tick.worst_case))
     bench.command(surface=1)
     bench.render(0.65)
     with_it = bench.run(0.3)[-1].voltage_v
     bench.command(arming=2)
     assert bench.run(0.3)[-1].voltage_v == pytest.approx(with_it)
-    bench.shared.surfaces.write(2, render_settings.tick.controller.settings)
+    bench.shared.surfaces.write(2, (render_settings.tick.controller.settings, render_settings.tick.worst_case))
     bench.command(surface=2, arming=3)
     assert bench.run(0.3)[-1].voltage_v == pytest.approx(
         math.sqrt(1.4) * with_it, rel=0.04
@@ -190,6 +190,13 @@ def test_an_order_to_stop_acts_with_the_next_tick(bench):
     bench.run(0.1)
     bench.command(rendering=False)
     assert bench.run(PERIOD_S)[-1].voltage_v == 0.0
+
+
+@pytest.mark.parametrize(("force_n", "is_up"), [(1.9, False), (2.1, True)])
+def test_a_load_beyond_the_surface_is_flagged(bench, force_n, is_up):
+    bench.force_n = force_n
+    bench.render()
+    assert (Flag.OUTSIDE_SURFACE in Flag(bench.run(0.05)[-1].flags)) is is_up
 
 
 def assert_ramps_to_zero(voltages_v, before_v, ramp_s):

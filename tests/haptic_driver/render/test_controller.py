@@ -28,7 +28,6 @@ from haptic_driver.render.controller import (
 from haptic_driver.render.correction import NO_CORRECTION, Factors
 from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains
 from haptic_driver.render.policies import POLICIES
-from haptic_driver.render.safety import violation
 from haptic_driver.render.surface import NO_CAPS, Inverse, cof_at, highest_cof
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
 from haptic_driver.surface.file import ready_for_lookup
@@ -376,22 +375,22 @@ def rigs(surface_file):
     force=st.floats(1e-6, 100.0),
     present=st.one_of(st.none(), st.integers(0, 199)),
 )
-def test_every_point_passes_the_gate(rigs, surface_file, rig, policy, cof, force, present):
+def test_every_point_passes_the_gate(rigs, refusal, surface_file, rig, policy, cof, force, present):
     limits, ready = rigs[rig]
     before = ControllerState(math.nan if present is None else float(surface_file.frequency_hz[present]))
     _, point = ask(make(ready, policy), cof, force, before)
-    assert violation(limits, point) is None
+    assert refusal(limits, point) is None
 
 
 @pytest.mark.parametrize("rig", RIGS)
 @pytest.mark.parametrize("cof", [math.inf, 0.5145])
-def test_every_point_at_a_fixed_frequency_passes_the_gate(rigs, rig, cof):
+def test_every_point_at_a_fixed_frequency_passes_the_gate(rigs, refusal, rig, cof):
     """Also between the nodes, where limit curve and worst-case current are not those of either neighbour."""
     limits, ready = rigs[rig]
     refused = []
     for frequency in [*np.geomspace(1.0, 1e6, 1500)[:-1].tolist(), 2.5e3, 100e3, 1e6]:
         _, point = ask(make(ready, "fixed_frequency", fixed_frequency_hz=frequency, limits=limits), cof)
-        reason = violation(limits, point)
+        reason = refusal(limits, point)
         if reason is not None:
             refused.append((frequency, point.voltage_v, reason))
     assert not refused, f"{len(refused)} of 1502 refused; the first: {refused[0]}"
@@ -450,7 +449,7 @@ def test_another_surface_takes_one_gain_that_leaves_friction_as_it_was(surface, 
     law = {"fixed_frequency_hz": 200.0, "feedback": FeedbackSettings(0.03)}
     before, after = (make(each, "fixed_frequency", **law) for each in (surface, other))
     known = Estimate(Gains(1.1, 0.8, 0.01, 0.0, 0.01), time_s=1.0, normal_force_n=0.5)
-    gains = after.carried(before, ControllerState(200.0, known), 0.02, voltage_v).estimate.gains
+    gains = after.carried(before, ControllerState(200.0, known), 0.02, 1.0, voltage_v).estimate.gains
     assert gains.off == gains.rise
     assert 0.5 < gains.off < 2.0
     at_v = voltage_v if told else 0.5 * surface.voltage_v[-1]

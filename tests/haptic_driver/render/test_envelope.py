@@ -12,7 +12,7 @@ from haptic_driver.limits import OperatingLimits
 from haptic_driver.render import safety
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
-from haptic_driver.render.envelope import ahead, straight, synthesise
+from haptic_driver.render.envelope import ahead, full_scale_v, straight, synthesise
 from haptic_driver.render.finger import FingerSettings
 from haptic_driver.render.safety import gate_envelope
 from haptic_driver.render.texture import Grating, Profile, Script, Step, Uniform
@@ -25,13 +25,14 @@ TICK_S, SAMPLES = 1e-3, 50
 
 
 @pytest.fixture(scope="module")
-def stages(surface, limits):
+def stages(surface, surface_file, limits):
     return TickSettings(
         FingerSettings(),
         Uniform(0.7),
         Controller(ControllerSettings(surface, limits, "fixed_frequency", CARRIER_HZ)),
         limits,
         DriveSettings(),
+        safety.table_of(surface_file.worst_case),
     )
 
 
@@ -142,6 +143,7 @@ def test_root_of_straight_force():
 
 # --- the last gate ---------------------------------------------------------------------------------------------
 
+NO_MORE = safety.Worst(0.0, 0.0)  # than the point says itself
 PEAK = OperatingPoint(250.0, 100.0, 0.8, 1e-5, 1e-5, True, 0.5, 0.9)
 
 
@@ -153,10 +155,10 @@ PEAK = OperatingPoint(250.0, 100.0, 0.8, 1e-5, 1e-5, True, 0.5, 0.9)
 def test_one_bad_point_refuses_all(samples, where, bad):
     limits = OperatingLimits(150.0, 1.0, 1e6)
     block = np.array(samples)
-    assert gate_envelope(limits, safety.INITIAL, PEAK, block) == (safety.INITIAL, False)
+    assert gate_envelope(limits, safety.INITIAL, PEAK, NO_MORE, block) == (safety.INITIAL, False)
     where = min(where, block.size - 1)
     block[where] = bad
-    state, refused = gate_envelope(limits, safety.INITIAL, PEAK, block)
+    state, refused = gate_envelope(limits, safety.INITIAL, PEAK, NO_MORE, block)
     assert refused
     assert state.rejections == 1
     assert f"point {where}" in state.last_reason
@@ -174,7 +176,7 @@ def test_one_bad_point_refuses_all(samples, where, bad):
 )
 def test_a_peak_beyond_any_limit_refuses_the_block(tight):
     limits = OperatingLimits(**({"voltage_v": 150.0, "frequency_low_hz": 1.0, "frequency_high_hz": 1e6} | tight))
-    assert gate_envelope(limits, safety.INITIAL, PEAK, np.full(50, 1.0))[1]
+    assert gate_envelope(limits, safety.INITIAL, PEAK, NO_MORE, np.full(50, 1.0))[1]
 
 
 def test_a_refused_point_leaves_nothing(stages, limits):
@@ -192,3 +194,18 @@ def test_a_refusal_of_the_envelopes_own_gate_is_counted(stages, limits):
     state, powers_v2 = play(strict, steep, 10)
     assert state.safety.rejections >= 1
     assert powers_v2.max() <= 60.0**2
+
+
+def test_the_carrier_is_as_high_as_is_allowed_there_and_no_higher(stages, surface_file, limits):
+    """An open modulation input once put 150 V out at any carrier, up to 4.4 times the current that is allowed."""
+    for carrier_hz in surface_file.frequency_hz[::10]:
+        most_v = full_scale_v(stages, float(carrier_hz))
+        stuck_a = most_v * surface_file.stuck_current_a_per_v[surface_file.frequency_hz == carrier_hz].max()
+        allowed_a = limits.contact_current_limit_a_rms(carrier_hz)
+        assert 0.0 < most_v <= limits.voltage_v
+        assert stuck_a <= allowed_a
+        assert most_v > 0.999 * limits.voltage_v or stuck_a > 0.99 * allowed_a  # nothing is given away
+
+
+def test_where_the_gate_disagrees_there_is_no_carrier(stages, limits):
+    assert full_scale_v(replace(stages, limits=replace(limits, voltage_v=50.0)), CARRIER_HZ) == 0.0

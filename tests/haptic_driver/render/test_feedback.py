@@ -11,7 +11,6 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.render import feedback
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings, ControllerState
 from haptic_driver.render.feedback import LONGEST_STEP_S, FeedbackSettings, Gains, elsewhere, in_force
-from haptic_driver.render.safety import violation
 from haptic_driver.signals import NO_COMMAND, DriveCommand, FingerState, TargetFriction
 from model.conditions import Conditions
 
@@ -154,14 +153,16 @@ def test_one_wild_reading_moves_little(controller, taught):
     load=st.floats(0.1, 2.0),
     target=st.floats(0.1, 3.0),
 )
-def test_whatever_is_felt_gains_stay_bounded_and_points_safe(surface, limits, forces, times, speed, load, target):
+def test_whatever_is_felt_gains_stay_bounded_and_points_safe(
+    surface, refusal, limits, forces, times, speed, load, target
+):
     controller = Controller(ControllerSettings(surface, limits, feedback=LAW))
     state, time_s, applied = INITIAL, 1.0, DriveCommand(250.0, 0.0, output_on=False)
     for lateral_n, elapsed_s in zip(forces, times, strict=False):
         time_s += elapsed_s if math.isfinite(elapsed_s) else 0.0
         here = FingerState(time_s, 0.0, 0.0, speed, 0.0, load, True, lateral_n)
         state, point = controller.step(state, TargetFriction(target, True), here, applied)
-        assert violation(limits, point) is None
+        assert refusal(limits, point) is None
         applied = DriveCommand(point.frequency_hz, point.voltage_v, point.voltage_v > 0.0)
         known = state.estimate
         assert all(LAW.lowest_gain <= g <= LAW.highest_gain for g in (*known.gains[:2], known.gain))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
 from haptic_driver.render.finger import FingerSettings
-from haptic_driver.render.safety import violation
+from haptic_driver.render.safety import table_of
 from haptic_driver.render.texture import Grating, Uniform
 from haptic_driver.render.tick import TickSettings, TickState, tick
 from haptic_driver.signals import DriveCommand, FingerSample, SafeOperatingPoint
@@ -19,13 +19,14 @@ from model.conditions import Conditions
 
 
 @pytest.fixture(scope="module")
-def settings(surface, limits):
+def settings(surface, surface_file, limits):
     return TickSettings(
         finger=FingerSettings(contact_on_n=0.15, contact_off_n=0.10),
         texture=Uniform(0.6),
         controller=Controller(ControllerSettings(surface, limits)),
         limits=limits,
         drive=DriveSettings(voltage_rise_v_per_s=10e3),
+        worst_case=table_of(surface_file.worst_case),
     )
 
 
@@ -127,7 +128,7 @@ SAMPLES = st.lists(st.tuples(st.floats(0.0, 0.02), POSITIONS, FORCES), min_size=
 
 
 @given(samples=SAMPLES, mean=st.floats(0.02, 3.0))
-def test_whatever_the_finger_does_the_command_is_safe(settings, limits, samples, mean):
+def test_whatever_the_finger_does_the_command_is_safe(settings, refusal, limits, samples, mean):
     settings = replace(settings, texture=Grating(mean, 0.5 * mean, 2e-3))
     state, time_s, before_v = TickState(), 1.0, 0.0
     state, _ = tick(settings, state, FingerSample(time_s, 0.0, 0.0, 0.0))
@@ -140,7 +141,7 @@ def test_whatever_the_finger_does_the_command_is_safe(settings, limits, samples,
         assert command.output_on == (command.voltage_v > 0.0)
         if command.output_on:
             assert one.finger.in_contact
-            assert violation(limits, one.wanted) is None
+            assert refusal(limits, one.wanted) is None
         # 1e-10 V: rounding of a time near 1 s times the rate
         assert command.voltage_v <= before_v + 10e3 * elapsed_s + 1e-10
         before_v = command.voltage_v

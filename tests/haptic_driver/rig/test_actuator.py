@@ -22,7 +22,7 @@ from tests.hw.testing.memory import MemoryTransport
 RATE_HZ, SAMPLES = 50e3, 50
 LEAD_S = 0.005
 RISE_V_PER_S = 10e3
-ON = DriveCommand(250.0, 80.0, True)
+ON = DriveCommand(250.0, 80.0, True, 150.0)
 
 
 class Bench:
@@ -106,7 +106,7 @@ def test_the_electrode_follows_the_voltages_straight_in_their_square_and_late_by
 def test_the_voltage_of_a_new_carrier_waits_for_it(bench):
     """SCPI brings the carrier 10 ms after the course of its voltages; what is more than before may be too much."""
     bench.run(np.full(300, 20.0))
-    new = DriveCommand(100.0, 90.0, True)
+    new = DriveCommand(100.0, 90.0, True, 150.0)
     while_old_v = []
     for tick in range(40):
         may_rise = bench.actuator.carrier_hz == new.frequency_hz

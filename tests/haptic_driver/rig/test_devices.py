@@ -3,6 +3,7 @@
 import dataclasses
 import datetime
 import hashlib
+import threading
 import time
 from contextlib import suppress
 from typing import ClassVar
@@ -112,14 +113,25 @@ def test_a_box_that_answers_late_at_the_start_is_asked_again(rig_config, served,
     assert unheard == []
 
 
-def test_a_close_that_fails_skips_no_other(rig_config, served):
+def fails():
+    raise RuntimeError("driver gone")
+
+
+def exits():
+    raise SystemExit(3)
+
+
+def hangs():
+    threading.Event().wait()
+
+
+@pytest.mark.parametrize("closing", [fails, exits, hangs])
+def test_a_close_that_fails_exits_or_hangs_skips_no_other(rig_config, served, monkeypatch, closing):
     closed = []
-
-    def fails():
-        raise RuntimeError("driver gone")
-
+    if closing is hangs:
+        monkeypatch.setattr("haptic_driver.rig.devices.CLOSE_S", 2.0)  # enough for the others
     devices = connect_devices(as_real(rig_config, served.endpoints))
-    devices = dataclasses.replace(devices, closing=[fails, lambda: closed.append("last"), *devices.closing])
+    devices = dataclasses.replace(devices, closing=[closing, lambda: closed.append("last"), *devices.closing])
     with devices:
         pass
     assert closed == ["last"]

@@ -595,6 +595,20 @@ def test_voltage_that_appears_while_off_is_a_trip(bench):
         bench.rig.watch(1.0)
 
 
+@pytest.mark.parametrize("monitor", [True, False])
+def test_a_generator_that_somebody_switches_on_while_off_is_a_trip(rig_config, monitor):
+    """Off was once what the last command had left, however long ago; a second program's 95 V were "idle, 0 V"."""
+    bench = Bench(rig_config, monitor=monitor)
+    bench.rig.watch(10.0)
+    bench.rig.watch(10.5)
+    assert len([said for said in bench.wire.take() if "OUTP?" in said]) == 1  # not with every look
+    bench.generator.handle(b"OUTP ON\n")
+    with pytest.raises(HapticError, match="somebody else switched it on"):
+        bench.rig.watch(11.1)
+    assert bench.rig.state is RigState.TRIPPED
+    assert not bench.generator.output().on
+
+
 def test_an_amplifier_that_trips_or_loses_its_enable_line_is_a_trip(bench):
     bench.rig.command(0.0, on(80.0))
     bench.amplifier.trip()

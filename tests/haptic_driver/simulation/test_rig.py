@@ -11,6 +11,7 @@ from haptic_driver.errors import HapticError
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
 from haptic_driver.render.finger import FingerSettings
+from haptic_driver.render.safety import table_of
 from haptic_driver.render.texture import Grating, Uniform
 from haptic_driver.render.tick import TickSettings
 from haptic_driver.rig.slide import Slide, synthetic_slide
@@ -27,12 +28,14 @@ GRATING = Grating(0.70, 0.10, 10e-3)
 
 
 @pytest.fixture(scope="module")
-def stages(surface, limits, rig_config):
+def stages(surface, surface_file, limits, rig_config):
     def make(texture):
         finger = FingerSettings(**rig_config.finger.model_dump(), output_latency_s=rig_config.output.latency_s)
         controller = Controller(ControllerSettings(surface, limits))
         drive = DriveSettings(rig_config.output.voltage_rise_v_per_s)
-        return RenderSettings(TickSettings(finger, texture, controller, limits, drive))
+        return RenderSettings(
+            TickSettings(finger, texture, controller, limits, drive, table_of(surface_file.worst_case))
+        )
 
     return make
 

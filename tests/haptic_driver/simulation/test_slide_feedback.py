@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from haptic_driver.daemon.render_process import RenderSettings
-from haptic_driver.daemon.stepped import UP_TICKS, render_slide
+from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
 from haptic_driver.render.feedback import FeedbackSettings
 from haptic_driver.render.finger import FingerSettings
+from haptic_driver.render.safety import table_of
 from haptic_driver.render.texture import Profile, Uniform
 from haptic_driver.render.tick import TickSettings
 from haptic_driver.rig.slide import Slide
@@ -42,7 +43,7 @@ def steps(speed_m_s, low, high):
 
 
 @pytest.fixture(scope="module")
-def render(surface, limits, rig_config, touch):
+def render(surface, surface_file, limits, rig_config, touch):
     """One stroke of a finger whose gain is `gain(time_s)` and whose rise through attraction has one of its own."""
 
     def run(texture, gain, speed_m_s=0.04, force_n=0.5, rise_gain=1.0, feedback=True):
@@ -54,6 +55,7 @@ def render(surface, limits, rig_config, touch):
             Controller(ControllerSettings(surface, limits, feedback=law)),
             limits,
             DriveSettings(rig_config.output.voltage_rise_v_per_s),
+            table_of(surface_file.worst_case),
         )
         typical = friction_of(touch)
 
@@ -62,7 +64,7 @@ def render(surface, limits, rig_config, touch):
             if rise_gain != 1.0:
                 off_n = typical(f, 0.0, n, s, t)
                 force_n = off_n + rise_gain * (force_n - off_n)
-            return gain(t - UP_TICKS * 1e-3) * force_n
+            return gain(t) * force_n
 
         with SimulatedRig(rig_config, touch, friction=friction_n) as bench:
             return render_slide(slide(speed_m_s, force_n), texture, RenderSettings(stages), bench, lambda _: None)
@@ -144,7 +146,7 @@ def test_no_gain_of_a_finger_gives_more_voltage_than_the_limits(render, limits):
     assert not record.samples["reachable"][900]
 
 
-def test_a_saturated_sensor_teaches_nothing_and_is_shown(surface, limits, rig_config, touch, render):
+def test_a_saturated_sensor_teaches_nothing_and_is_shown(surface, surface_file, limits, rig_config, touch, render):
     """Friction beyond the range of the sensor: its readings end at the range, and would look like less friction."""
     narrow = rig_config.model_copy(
         update={"simulation": rig_config.simulation.model_copy(update={"force_range_n": 0.2})}
@@ -156,6 +158,7 @@ def test_a_saturated_sensor_teaches_nothing_and_is_shown(surface, limits, rig_co
         Controller(ControllerSettings(surface, limits, feedback=FeedbackSettings(latency_s))),
         limits,
         DriveSettings(),
+        table_of(surface_file.worst_case),
     )
     with SimulatedRig(narrow, touch) as bench:
         record = render_slide(slide(0.04, 0.5), Uniform(0.7), RenderSettings(stages), bench, lambda _: None)

@@ -12,10 +12,14 @@ import pytest
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.surface import NO_CAPS, cof_at, invert
+from haptic_driver.surface.build import SurfaceAxes, build_surface
 from haptic_driver.surface.file import CofInterval, cof_interval_at, read_surface, ready_for_lookup
+from model.conditions import Conditions
+from model.parameters import Parameter
+from model.touch_model import TouchModel
 
 NUMBERS = ("frequency_hz", "voltage_v", "normal_force_n", "cof", "electrostatic_force_n", "current_rms_a")
-MORE_NUMBERS = ("stuck_current_rms_a", "slew_v_per_s")
+MORE_NUMBERS = ("stuck_current_a_per_v", "electrode_gain", "slew_v_per_s")
 MASKS = ("pulled_in", "within_theory", "within_limits")
 WIDE = OperatingLimits(voltage_v=1e3, frequency_low_hz=1e-3, frequency_high_hz=1e9, contact_current_a_rms=((1.0, 1e3),))
 
@@ -199,12 +203,15 @@ def test_an_interval_comes_back_and_is_part_of_the_hash(small_file, tmp_path):
         assert file["cof_low"].shape == file["cof_high"].shape == small_file.cof.shape
 
 
-def test_a_file_from_before_intervals_is_read(small_file, written):
-    with h5py.File(written, "a") as file:
-        file.attrs["format_version"] = 1.0
-    found = read_surface(written)
-    assert found.cof_interval is None
-    assert found.content_hash == small_file.content_hash
+def test_a_worst_case_that_is_not_the_models_is_refused_whatever_the_hash_says(small_file, written):
+    """A file with a recomputed hash and a stuck current of 0 once drove 150 V past the gate."""
+    nothing = np.zeros_like(small_file.stuck_current_a_per_v)
+    for changed in (
+        replace(small_file, stuck_current_a_per_v=nothing),
+        replace(small_file, electrode_gain=0.5 * small_file.electrode_gain),
+    ):
+        changed.write(written)
+        assert_refused(written, "surface_corrupt")
 
 
 def test_the_interval_at_a_point_is_linear_between_nodes(small_file):
@@ -217,7 +224,7 @@ def test_the_interval_at_a_point_is_linear_between_nodes(small_file):
     assert cof_interval_at(small_file, f[2], v[3], n[1]) is None
 
 
-@pytest.mark.parametrize("version", [0.9, 2.0])
+@pytest.mark.parametrize("version", [0.9, 1.1, 3.0])
 def test_another_format_version(written, version):
     with h5py.File(written, "a") as file:
         file.attrs["format_version"] = version
@@ -316,8 +323,8 @@ def test_a_forbidden_force_forbids_the_forces_up_to_its_neighbours(make_file):
 def test_the_sliding_current_counts_too(make_file):
     just_allowed = 1e-5 * (1.0 - 1e-12)  # A/V; between normal forces it is interpolated, with rounding
     current = np.broadcast_to(just_allowed * VOLTAGE[:, None], SHAPE).copy()
-    stuck = np.broadcast_to(1e-7 * VOLTAGE, SHAPE[:2]).copy()
-    file = make_file(FREQUENCY, FORCE, VOLTAGE, current_rms_a=current, stuck_current_rms_a=stuck)
+    stuck = np.full(SHAPE[:2], 1e-7)
+    file = make_file(FREQUENCY, FORCE, VOLTAGE, current_rms_a=current, stuck_current_a_per_v=stuck)
     public = OperatingLimits(voltage_v=1e3, frequency_low_hz=1.0, frequency_high_hz=1e6)
     # 0.5 mA at 10 uA/V: 50 V, and the last node that is not above it
     assert invert(ready_for_lookup(file, public), math.inf, 100.0, 0.5, NO_CAPS).voltage_v == pytest.approx(50.0)
@@ -328,3 +335,23 @@ def test_the_rigs_limits_are_applied_and_not_those_of_the_file(make_file):
     for allowed_v in (17.0, 83.0):
         surface = ready_for_lookup(file, replace(WIDE, voltage_v=allowed_v))
         assert invert(surface, math.inf, 300.0, 0.5, NO_CAPS).voltage_v == pytest.approx(allowed_v, rel=1e-6)
+
+
+def test_a_finger_that_sticks_by_itself_has_no_surface(make_file):
+    file = make_file(FREQUENCY, FORCE, VOLTAGE, cof=np.full(SHAPE, np.nan))
+    with pytest.raises(BadInputError) as refused:
+        ready_for_lookup(file, WIDE)
+    assert refused.value.code == "no_equilibrium"
+
+
+@pytest.mark.parametrize("force_n", [0.1, 0.35, 0.8, 1.7, 2.0])
+def test_friction_without_voltage_follows_the_load(model_description, limits, force_n):
+    """The lowest load's once held for all: under 2 N a target of 0.55 gave 1.01, and was called reachable."""
+    effect = {"load_dependent_friction": {"exponent": Parameter(1.3, "1", "")}}
+    model = replace(model_description, effect_parameters=effect)
+    surface = ready_for_lookup(build_surface(model, limits, SurfaceAxes(frequency_count=8, voltage_count=8)), limits)
+    for voltage_v in (0.0, 60.0):
+        at = (np.array([x]) for x in (200.0, voltage_v, force_n))
+        expected = TouchModel(model).predict(Conditions(*at)).cof[0]
+        between_nodes = 0.03 if voltage_v else 1e-3  # of frequency, voltage and load, or of load alone
+        assert cof_at(surface, 200.0, voltage_v, force_n) == pytest.approx(expected, rel=between_nodes)

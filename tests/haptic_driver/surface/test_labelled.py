@@ -44,8 +44,8 @@ def test_a_surface_over_its_axes(small_file):
     found = small_file.to_xarray()
     at = {"frequency_hz": 2, "voltage_v": 5, "normal_force_n": 1}
     assert float(found["cof"].isel(at)) == small_file.cof[2, 5, 1]
-    assert found["stuck_current_rms_a"].dims == ("frequency_hz", "voltage_v")
-    assert found["stuck_current_rms_a"].attrs["units"] == "A"
+    assert found["stuck_current_a_per_v"].dims == ("frequency_hz", "voltage_v")
+    assert found["stuck_current_a_per_v"].attrs["units"] == "A/V"
     assert found.attrs["content_hash"] == small_file.content_hash
     frame = small_file.to_frame()
     assert len(frame) == small_file.cof.size

@@ -225,10 +225,13 @@ class TestCache:
             lambda path: path.write_bytes(plain_array()),
             lambda path: flip(path, 0.5),
             lambda path: flip(path, 0.001),
+            lambda path: save(path, values=np.full(NODES, 0.125)),
+            lambda path: save(path, mass=np.full((NODES[0], GAPS), 0.25)),
         ],
         ids=[
             "cut", "header-cut", "text", "shape", "nan", "pickle", "empty", "strings", "mass-shape", "mass-inf",
             "mass-strings", "no-mass", "plain-array", "flipped-byte", "flipped-header",
+            "other-values", "other-mass",
         ],
     )  # fmt: skip
     def test_a_damaged_or_foreign_file_is_built_again(self, tmp_path, builds, damage) -> None:

@@ -1,6 +1,10 @@
+import os
+import stat
 from pathlib import Path
 
-from model.support.cache import cache_dir
+import pytest
+
+from model.support.cache import cache_dir, code_cache
 
 
 def test_environment_decides_in_this_order(monkeypatch, tmp_path) -> None:
@@ -25,3 +29,40 @@ def test_asking_for_the_folder_creates_nothing(monkeypatch, tmp_path) -> None:
     monkeypatch.setenv("HAPTIC_CACHE_DIR", str(tmp_path / "own"))
     assert isinstance(cache_dir(), Path)
     assert list(tmp_path.iterdir()) == []
+
+
+def mode(path) -> int:
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+def test_machine_code_is_kept_where_nobody_else_can_write_whatever_the_umask(monkeypatch, tmp_path) -> None:
+    monkeypatch.setenv("HAPTIC_CACHE_DIR", str(tmp_path))
+    before = os.umask(0)
+    try:
+        assert code_cache() == tmp_path / "kernels"
+    finally:
+        os.umask(before)
+    assert mode(tmp_path / "kernels") == 0o700
+
+
+def test_a_folder_that_others_could_write_to_is_closed(monkeypatch, tmp_path) -> None:
+    monkeypatch.setenv("HAPTIC_CACHE_DIR", str(tmp_path))
+    (tmp_path / "kernels").mkdir(mode=0o777)
+    (tmp_path / "kernels").chmod(0o777)
+    assert mode(code_cache()) == 0o700
+
+
+@pytest.mark.parametrize("foreign", ["owner", "link", "file"])
+def test_a_folder_of_somebody_else_is_not_used(monkeypatch, tmp_path, foreign) -> None:
+    """Machine code runs without being looked at."""
+    monkeypatch.setenv("HAPTIC_CACHE_DIR", str(tmp_path))
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    if foreign == "link":
+        (tmp_path / "kernels").symlink_to(elsewhere)
+    if foreign == "file":
+        (tmp_path / "kernels").write_text("in the way")
+    if foreign == "owner":
+        own = os.getuid()
+        monkeypatch.setattr(os, "getuid", lambda: own + 1)
+    assert code_cache().parent != tmp_path

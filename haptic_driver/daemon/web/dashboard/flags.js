@@ -10,6 +10,7 @@ const MEANING = {
   lease_lost: "the lease was not renewed in time; the output ramped to zero",
   tripped: "the rig switched off: the electrode was not as commanded",
   fault: "the daemon is or was in fault",
+  outside_surface: "the finger presses harder or slides faster than the model was solved for",
   feedback_limit: "the finger's gain is at the end of what feedback may correct",
   underrun: "the analog envelope had a gap, at zero",
   friction_from_current: "no force sensor: friction is estimated from the electrode's current",

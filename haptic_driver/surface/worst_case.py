@@ -1,0 +1,36 @@
+"""What finger and electrode get at most of a voltage, by a model: whatever load, whenever."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptic_driver.signals import Array
+from model.conditions import sines
+from model.description import ModelDescription
+from model.touch import SPEED_REFERENCE_M_S
+from model.touch_model import TouchModel
+
+CORRECTION_TIMES_S = np.concatenate([[0.0], np.geomspace(0.1, 1e5, 60)])
+LOADS_N = np.geomspace(0.01, 50.0, 9)  # of any finger, wherever a surface's axis ends
+NEXT_TO_NOTHING = 1e-3  # of the first step of voltage: stands for 0 V, where what is per volt has a limit
+
+
+def worst_case(description: ModelDescription, frequency_hz: Array, voltage_v: Array) -> tuple[Array, Array]:
+    """Worst-case finger current (A rms) and peak voltage at the electrode [f, v], each per volt that is set.
+
+    Neither depends on the finger's speed: a stuck finger has none, and what the amplifier does comes before it.
+    """
+    touch = TouchModel(description)
+    set_v = np.concatenate([[NEXT_TO_NOTHING * voltage_v[1]], voltage_v[1:]])
+    stuck_a = electrode_v = np.zeros((frequency_hz.size, voltage_v.size))
+    f, v = frequency_hz[:, None, None], set_v[:, None]
+    for time_s in CORRECTION_TIMES_S if needs(description, "time_s") else (0.0,):
+        stuck, electrode = touch.worst_case(sines(f, v, LOADS_N, SPEED_REFERENCE_M_S, float(time_s)))
+        stuck_a = np.maximum(stuck_a, stuck.max(axis=2))
+        electrode_v = np.maximum(electrode_v, electrode.max(axis=2))
+    return stuck_a / set_v, electrode_v / set_v
+
+
+def needs(description: ModelDescription, what: str) -> bool:
+    """Whether any effect depends on the finger's speed or on time."""
+    return any(what in effect.needs for effect in description.effects)

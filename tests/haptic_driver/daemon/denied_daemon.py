@@ -1,0 +1,58 @@
+"""A daemon with its API on a socket from which a signal takes what a machine may refuse; not a test.
+
+    python denied_daemon.py SOCKET AMPLIFIER_RECORD WHAT DESCRIPTOR
+
+says on DESCRIPTOR when it serves, and when SIGUSR1 has taken WHAT ("threads+memory"). It ends with SIGTERM, as the
+command does.
+"""
+
+from __future__ import annotations
+
+import _thread
+import os
+import resource
+import signal
+import sys
+import threading
+from pathlib import Path
+from typing import NoReturn
+
+from haptic_driver.cli import daemon as command
+from haptic_driver.daemon import run
+from haptic_driver.daemon.set_up import daemon_settings
+
+
+def refuse(*_: object, **__: object) -> NoReturn:
+    raise RuntimeError("can't start new thread")
+
+
+def deny(what: list[str]) -> None:
+    if "threads" in what:
+        _thread.start_new_thread = threading._start_new_thread = refuse
+        resource.setrlimit(resource.RLIMIT_NPROC, (0, 0))
+    if "fork" in what:
+        os.fork = os.posix_spawn = refuse
+    if "memory" in what:
+        resource.setrlimit(resource.RLIMIT_AS, (1 << 20, 1 << 20))
+    if "disk" in what:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+
+
+def main() -> None:
+    socket, record, what, descriptor = sys.argv[1], Path(sys.argv[2]), sys.argv[3].split("+"), int(sys.argv[4])
+
+    def denying(number: int, frame: object) -> None:
+        deny(what)
+        os.write(descriptor, b"d")
+
+    def settings(rig: str, model: str, **kept: object) -> object:
+        return daemon_settings(rig, model, amplifier_record=record)
+
+    signal.signal(signal.SIGUSR1, denying)
+    run.daemon_settings = settings
+    command.report = lambda *_: os.write(descriptor, b"r")
+    sys.exit(command.run("simulated", socket))
+
+
+if __name__ == "__main__":
+    main()

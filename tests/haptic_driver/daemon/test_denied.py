@@ -1,0 +1,40 @@
+"""What a machine may refuse after arming: threads, processes, memory, disk, and anybody who reads what is logged."""
+
+import signal
+
+import pytest
+
+from haptic_driver.client import HapticClient
+from haptic_driver.daemon.messages import DaemonState
+from tests.haptic_driver.daemon import denying
+from tests.haptic_driver.daemon.denying import DENIALS, EVERYTHING
+from tests.haptic_driver.daemon.electrode import history
+from tests.waiting import HANG_S, until
+
+denied_daemon = denying.denied_daemon
+
+
+@pytest.mark.parametrize("what", [*DENIALS, EVERYTHING])
+def test_whatever_is_denied_after_arming_off_is_off(denied_daemon, what):
+    """The first OFF of a daemon once started a thread for it, and was dropped without one."""
+    daemon = denied_daemon(what)
+    daemon.deny()
+    answer = daemon.off()
+    assert "memory" in what or answer.startswith(b"HTTP/1.1 200 OK"), answer
+    until(lambda: history(daemon.record)[-1][1] == 0.0)
+
+
+def test_a_log_that_nobody_reads_stops_nothing(denied_daemon):
+    """With a terminal stopped by Ctrl-S control once hung in its first log line: no answer to OFF, none to SIGTERM."""
+    daemon = denied_daemon("stderr+stdout")
+    daemon.deny()
+    client = HapticClient(daemon.path)
+    for _ in range(5):  # each tells an event
+        assert b"200 OK" in daemon.off()
+        client.disarm()
+        assert client.status().state is DaemonState.IDLE
+        client.set(client.arm(60.0).token, 0.65)
+        assert client.status().state is DaemonState.RENDERING
+    daemon.process.send_signal(signal.SIGTERM)
+    assert daemon.process.wait(HANG_S) == 0
+    assert history(daemon.record)[-1][1] == 0.0

@@ -1,0 +1,98 @@
+"""One program at a time has an instrument, whoever runs it."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from haptic_driver.errors import HapticError
+from haptic_driver.rig.claims import Claims, same_place
+from haptic_driver.rig.devices import connect_devices
+from haptic_driver.simulation.served import ServedRig, as_real
+from tests.waiting import until
+
+HOLDING = """
+import sys, time
+from haptic_driver.rig.claims import Claims
+claims = Claims(sys.argv[1:])
+claims.take()
+print("held", flush=True)
+time.sleep(1000.0)
+"""
+
+
+@pytest.fixture
+def hold():
+    """Another process that has claimed some addresses."""
+    processes = []
+
+    def start(*addresses):
+        command = [sys.executable, "-c", HOLDING, *addresses]
+        processes.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        assert processes[-1].stdout.readline() == "held\n"
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+def is_free(address):
+    claims = Claims([address])
+    try:
+        claims.take()
+    except HapticError:
+        return False
+    claims.release()
+    return True
+
+
+def test_what_another_program_has_is_refused_and_who_it_is_told(hold):
+    other = hold("TCPIP::192.0.2.5::5025::SOCKET", "ASRL/dev/ttyUSB7::INSTR")
+    with pytest.raises(HapticError) as refused:
+        Claims(["TCPIP0::192.0.2.5::inst0::INSTR"]).take()  # the same instrument by another port
+    assert refused.value.code == "in_use"
+    assert f"process {other.pid}" in refused.value.message
+    assert "192.0.2.5" in refused.value.message
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_a_claim_ends_with_its_process_however_that_ends(hold, how):
+    other = hold("dev1/port0/line0")
+    assert not is_free("Dev1/port0/line0")
+    other.send_signal(how)
+    until(lambda: is_free("Dev1/port0/line0"))
+
+
+def test_all_or_none(hold):
+    hold("b.example:49152")
+    with pytest.raises(HapticError):
+        Claims(["a.example:49152", "b.example:49152"]).take()
+    assert is_free("a.example:49152")
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        ("TCPIP::192.0.2.5::5025::SOCKET", "tcpip0::192.0.2.5::INSTR", True),
+        ("TCPIP::192.0.2.5::5025::SOCKET", "TCPIP::192.0.2.6::5025::SOCKET", False),
+        ("TCPIP::127.0.0.1::5025::SOCKET", "TCPIP::127.0.0.1::5026::SOCKET", False),  # simulated ones live there
+        ("USB0::0x0957::0x0407::MY1::INSTR", "usb0::0x0957::0x0407::my1::instr", True),
+    ],
+)
+def test_what_counts_as_one_instrument(one, other, same):
+    assert (same_place(one) == same_place(other)) is same
+
+
+def test_a_second_program_on_a_rig_touches_nothing(rig_config, touch):
+    """Two daemons once ran one generator: one said "idle, 0 V" while the other held 95 V."""
+    with ServedRig(rig_config, touch) as served:
+        real = as_real(rig_config, served.endpoints)
+        with connect_devices(real):
+            with pytest.raises(HapticError) as refused:
+                connect_devices(real).open()
+            assert refused.value.code == "in_use"
+        with connect_devices(real) as again:  # closed, and free
+            assert again.rig.state.value == "off"
