@@ -120,8 +120,9 @@ def find_config(name_or_path: str, kind: str) -> Path:
 
 
 def config_names(kind: str) -> list[str]:
-    """The names that `find_config` knows in folders `kind`, sorted."""
-    return sorted({path.stem for folder in config_dirs() for path in (folder / kind).glob("*.toml")})
+    """The names that `find_config` knows in folders `kind`, sorted; those that would not show as they are stay out."""
+    found = {path.stem for folder in config_dirs() for path in (folder / kind).glob("*.toml")}
+    return sorted(filter(str.isprintable, found))
 
 
 def parse(schema: type[Parsed], content: dict[str, Any], where: str, code: str = "") -> Parsed:
@@ -141,7 +142,7 @@ def _problem(file: Any, fault: Any) -> str:
     said = fault["msg"].removeprefix("Value error, ")
     match fault["type"]:
         case "extra_forbidden":
-            return f"unknown key '{key}'"
+            return f"unknown key '{key}'" if key else 'a key has no name ("")'
         case "missing":
             return f"{key} is missing"
         case "union_tag_not_found":
@@ -165,7 +166,11 @@ def _hint(file: Any, faults: list[Any]) -> str:
         return nearest(str(faults[0]["ctx"]["tag"]), list(_variants(_annotation(file, loc))))
     if kind in ("missing", "union_tag_not_found"):
         return "Add it"
-    return f"Correct key '{'.'.join(_written(file, loc))}'"
+    key = ".".join(_written(file, loc))
+    if key:
+        return f"Correct key '{key}'"
+    known = _fields_at(file, loc)  # what is wrong is no single key, but how several of them go together
+    return f"Change a key that it names; the keys are: {', '.join(known)}" if known else "Change what it names"
 
 
 def _written(file: Any, loc: Sequence[str | int]) -> list[str]:

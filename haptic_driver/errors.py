@@ -15,6 +15,7 @@ class HapticError(Exception):
     exit_status = 1
 
     def __init__(self, code: str, message: str, hint: str = "") -> None:
+        message, hint = shown(message), shown(hint, lines=True)  # they name what a user or a stranger has named
         super().__init__(message)
         self.code = code
         self.message = message
@@ -53,4 +54,19 @@ def optional(module: str, extra: str, what: str) -> Any:
 def message_of(error: BaseException) -> str:
     """What an error says, of whatever kind it is; one that is none of ours with the name of its kind."""
     said = getattr(error, "message", None)
-    return said if isinstance(said, str) else f"{type(error).__name__}: {error}"
+    return shown(said if isinstance(said, str) else f"{type(error).__name__}: {error}")
+
+
+def shown(text: str, *, lines: bool = False) -> str:
+    """Text with every character that does not print as Python would write it, such as \\x1b; `lines` keeps its lines.
+
+    Escape sequences, newlines and marks that turn the direction of writing would otherwise say something else than
+    what stands there.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or (lines and c == "\n") else _escaped(c) for c in text)
+
+
+def _escaped(character: str) -> str:
+    return character.encode("unicode_escape").decode("ascii")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from haptic_driver.errors import BadInputError, HapticError
 from model.support import files
+from model.support.cells import written_cells
 from model.support.errors import ModelError
 
 
@@ -70,9 +71,10 @@ def write_text(path: Path, text: str) -> None:
 def write_rows(path: Path, rows: Sequence[Mapping[str, str | float]]) -> None:
     """A CSV of records with the same keys, at least one; the keys are its header."""
     with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+        writer = csv.writer(file)
+        names = list(rows[0])
+        writer.writerow(written_cells(names))
+        writer.writerows(written_cells(row[name] for name in names) for row in rows)
 
 
 def exists_already(path: Path) -> BadInputError:

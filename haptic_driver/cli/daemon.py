@@ -57,7 +57,7 @@ def run(
 
     Example: `haptic daemon run --rig simulated --port 8470`
     """
-    from haptic_driver.daemon.quiet_log import OncePerSecond  # noqa: PLC0415
+    from haptic_driver.daemon.quiet_log import OncePerSecond, Printable  # noqa: PLC0415
     from haptic_driver.daemon.run import Links, run_daemon  # noqa: PLC0415  (the web server is slow to import)
     from hw.dropping_log import DroppingHandler  # noqa: PLC0415
 
@@ -71,7 +71,8 @@ def run(
 
     handler = DroppingHandler()
     handler.addFilter(OncePerSecond())
-    logging.basicConfig(format="%(asctime)s %(name)s: %(message)s", level=logging.INFO, handlers=[handler])
+    handler.setFormatter(Printable("%(asctime)s %(name)s: %(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
     links = Links(lsl, osc, lsl_markers)
     return run_daemon(rig, place, model, allow_no_rt, port, links, announce, slide)
 

@@ -10,14 +10,14 @@ import json
 import math
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -27,11 +27,12 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.segment import Segment
 from rich.text import Text
 from typer import Option
 
 from haptic_driver.config import config_names
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError, HapticError, shown
 
 
 def named(kind: str, what: str, declare: Callable[..., Any] = Option) -> Any:
@@ -46,8 +47,18 @@ RowsOption = Annotated[Path | None, Option(help="CSV to write: the rows that rec
 
 SIMULATED = ("simulated", "bold")  # a part of a `Text`
 
-stdout = Console(highlight=False, soft_wrap=True, markup=False, emoji=False)
-stderr = Console(stderr=True, highlight=False, soft_wrap=True, markup=False, emoji=False)
+
+class PlainConsole(Console):
+    """A console on which text moves no cursor and turns no direction, whoever wrote it."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """As a `Console` renders it, each piece of text as it is shown."""
+        for piece in super().render(renderable, options):
+            yield piece if piece.control else Segment(shown(piece.text, lines=True), piece.style)
+
+
+stdout = PlainConsole(highlight=False, soft_wrap=True, markup=False, emoji=False)
+stderr = PlainConsole(stderr=True, highlight=False, soft_wrap=True, markup=False, emoji=False)
 
 
 def report(as_json: bool, payload: dict[str, Any], show: Callable[[], None]) -> None:

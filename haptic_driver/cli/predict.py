@@ -15,6 +15,7 @@ from haptic_driver.files import bad_input, replacing
 from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
 from model.support.arrays import Array
+from model.support.cells import written_cells
 from model.support.errors import ModelError
 from model.support.tables import Table, read_table
 from model.touch import SPEED_REFERENCE_M_S
@@ -115,6 +116,6 @@ def _write(path: Path, kept: dict[str, str], table: Table, answers: dict[str, Ar
     """As a whole: the table may be its own source."""
     with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow([*kept.values(), *answers])
+        writer.writerow(written_cells([*kept.values(), *answers]))
         for row, values in zip(table.rows, np.column_stack(list(answers.values())), strict=True):
-            writer.writerow([row[c] for c in kept] + [f"{v:.9g}" for v in values])
+            writer.writerow(written_cells([*(row[c] for c in kept), *(f"{v:.9g}" for v in values)]))

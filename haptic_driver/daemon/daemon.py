@@ -41,7 +41,7 @@ from haptic_driver.daemon.targets import Targets
 from haptic_driver.daemon.timing import advice, timing_of
 from haptic_driver.daemon.watchers import WATCHERS, Watched
 from haptic_driver.daemon.web import drawings
-from haptic_driver.errors import HapticError, message_of
+from haptic_driver.errors import HapticError, message_of, shown
 from haptic_driver.processes.patience import join_within
 from haptic_driver.processes.shared_memory import RING_SAMPLES, Output, SharedState
 from haptic_driver.recording.clock import clock_offsets
@@ -178,7 +178,7 @@ class Daemon:
             return Status(
                 state=machine.state,
                 simulated=settings.config.simulated,
-                rig=settings.config.name,
+                rig=shown(settings.config.name),
                 model=settings.model,
                 texture=targets.name if rendering else None,
                 target_cof=targets.asked_cof(output, newest) if rendering else None,
@@ -197,7 +197,7 @@ class Daemon:
                 flags=orders.flags(output).names(),
                 fault=machine.fault_reason,
                 lease_left_s=max(machine.lease_until_s - now_s, 0.0) if machine.armed else None,
-                lease_holder=machine.holder,
+                lease_holder=None if machine.holder is None else shown(machine.holder),
                 actuator=actuator_name(settings.config),
                 real_time=self.supervisor.real_time,
                 latency_budget_s=settings.latency_budget_s(self.shared.played.read().lead_s),

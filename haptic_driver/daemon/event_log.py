@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from haptic_driver.errors import shown
 from haptic_driver.recording.event import Event
 
 EVENTS_KEPT = 1000
@@ -34,10 +35,11 @@ class EventLog:
         with self._lock:
             self._count += 1
             happened_s = time.monotonic() if time_s is None else time_s
-            event = Event(number=self._count, time_s=happened_s, kind=kind, message=message, data=dict(data))
+            said = shown(message)  # somebody's words, or a texture's name
+            event = Event(number=self._count, time_s=happened_s, kind=kind, message=said, data=dict(data))
             self._events.append(event)
         self.listener(event)
-        _log.log(logging.ERROR if kind in ("fault", "trip") else logging.INFO, "%s: %s", kind, message)
+        _log.log(logging.ERROR if kind in ("fault", "trip") else logging.INFO, "%s: %s", kind, said)
         return event
 
     def since(self, number: int) -> list[Event]:

@@ -7,10 +7,20 @@ import re
 import time
 from collections.abc import Callable
 
+from haptic_driver.errors import shown
+
 PERIOD_S = 1.0
 KINDS_KEPT = 1000
 
 _DIGITS = re.compile(r"\d+")
+
+
+class Printable(logging.Formatter):
+    """A line as it is shown: what it names moves no cursor. A traceback keeps its lines."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The line."""
+        return shown(super().format(record), lines=record.exc_info is not None)
 
 
 class OncePerSecond(logging.Filter):

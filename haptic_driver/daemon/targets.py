@@ -15,7 +15,7 @@ from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.output_pump import PUMP_PERIOD_S
-from haptic_driver.errors import BadInputError
+from haptic_driver.errors import BadInputError, shown
 from haptic_driver.processes.shared_memory import Output, SharedState
 from haptic_driver.render.texture import Script, Target, Uniform
 
@@ -67,7 +67,7 @@ class Targets:
         if not nearest and asked.share_below + asked.share_above > MOST_FAR:
             what = f"most of {texture}, {asked.cof_low:.3g} to {asked.cof_high:.3g}, is"
             raise _out_of_reach(what, load_n, low, high)
-        self._hand_over(token, target.started(self._clock()) if isinstance(target, Script) else target, texture)
+        self._hand_over(token, target.started(self._clock()) if isinstance(target, Script) else target, shown(texture))
         self._events.tell("texture", texture)
 
     def asked_cof(self, output: Output, samples: NDArray[np.void]) -> float | None:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from haptic_driver.experiments.data_file import note
 from haptic_driver.files import replacing
 from haptic_driver.signals import Array
+from model.support.cells import read_cell, written_cells
 
 RELAXATIONS_PER_DECADE = 3  # enough for the model's own spectra within 1 %
 ROWS_PER_DECADE = 4  # that a spectrum needs at least, or the relaxations fit anything
@@ -89,7 +90,8 @@ def mark_spectra(path: Path, today: datetime.date) -> tuple[int, Stray | None]:
     """
     with path.open(encoding="utf-8", newline="") as file:
         reader = csv.DictReader(file)
-        rows, names = list(reader), list(reader.fieldnames or ())
+        names = list(reader.fieldnames or ())
+        rows = [{name: read_cell(row[name] or "") for name in names} for row in reader]
     failed = 0
     for spectrum in _spectra(rows):
         table = [_impedance(row) for row in spectrum]
@@ -98,7 +100,8 @@ def mark_spectra(path: Path, today: datetime.date) -> tuple[int, Stray | None]:
         for row, good in zip(spectrum, agrees, strict=True):
             row["kramers_kronig"] = "passes" if good else "fails"
     with replacing(path) as part, part.open("w", encoding="utf-8", newline="") as file:
-        file.write("".join(",".join(line) + "\n" for line in (names, *([row[n] for n in names] for row in rows))))
+        lines = (names, *([row[name] for name in names] for row in rows))
+        csv.writer(file, lineterminator="\n").writerows(map(written_cells, lines))
     stray = stray_capacitance(rows, today)
     if stray is not None:
         note(path, {"stray_capacitance": stray._asdict()})

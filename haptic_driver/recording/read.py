@@ -36,6 +36,7 @@ from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.structure import check_run, member, read_column
 from haptic_driver.surface import labelled
+from model.support.cells import written_cells
 
 FORMAT = "haptic-driver recording"
 FORMAT_VERSION = 1.0
@@ -208,6 +209,8 @@ def _write_csv(path: Path, fields: Sequence[str], blocks: Blocks, about: dict[st
 
 def _cells(column: NDArray[Any]) -> list[Any]:
     cells: list[Any] = column.tolist()
+    if column.dtype.kind == "O":
+        return written_cells(cells)
     return ["" if cell != cell else cell for cell in cells] if column.dtype.kind == "f" else cells  # noqa: PLR0124 - NaN
 
 

@@ -40,8 +40,9 @@ class Loaded(NamedTuple):
 
 
 def texture_names(search: Sequence[Path]) -> list[str]:
-    """The names of all textures in the folders searched, sorted."""
-    return sorted({path.stem for folder in search if folder.is_dir() for path in folder.glob("*.toml")})
+    """The names of all textures in the folders searched, sorted; those that would not show as they are stay out."""
+    found = {path.stem for folder in search if folder.is_dir() for path in folder.glob("*.toml")}
+    return sorted(filter(str.isprintable, found))
 
 
 def script_names(search: Sequence[Path]) -> list[str]:

@@ -97,7 +97,7 @@ def uncertain_numbers(description: ModelDescription) -> tuple[Uncertain, ...]:
             found.append(_uncertain(name, p.value, std, p.value > 0.0, low, high))
     found += [Uncertain(name, 1.0, log_std, True, 0.0, np.inf) for name, log_std in SKIN_LOG_STD.items()]
     for effect, values in description.effect_parameters.items():
-        for known_as in description.kinds[effect].parameters():
+        for known_as in description.kinds[effect].parameters_in(values):
             p = values[known_as.name]
             if p.std:
                 logarithmic = known_as.scale == "log" and p.value > 0.0

@@ -100,6 +100,11 @@ class Effect:
         return [p for p in cls.parameters() if p.name in given or p.name not in cls.usual()]
 
     @classmethod
+    def parameters_in(cls, said: Collection[str]) -> list[EffectParameter]:
+        """Those of the parameters that a file says; the others are as usual, and certain."""
+        return [p for p in cls.parameters() if p.name in said]
+
+    @classmethod
     def bends_with(cls) -> tuple[str, ...]:
         """On what of the drive its strength may depend where the catalogue's does not, without being another effect."""
         return () if cls.stage in MECHANICAL else ("frequency_hz",)

@@ -16,6 +16,7 @@ from model.figures import drawing, facts, numbers
 from model.figures.facts import Fact
 from model.figures.numbers import Charges, Sensitivity, Touching
 from model.support.arrays import Array
+from model.support.cells import written_cells
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
 
@@ -150,8 +151,8 @@ def _write(columns: Columns, path: Path) -> None:
     """Six significant digits; an empty field where there is no answer."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows([_text(value) for value in row] for row in zip(*columns.values(), strict=True))
+        writer.writerow(written_cells(columns))
+        writer.writerows(written_cells(_text(value) for value in row) for row in zip(*columns.values(), strict=True))
 
 
 def _text(value: object) -> str:

@@ -6,6 +6,7 @@ import csv
 import hashlib
 import io
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -14,10 +15,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from model.support.cells import read_cell
 from model.support.errors import ModelError
 from model.support.files import LARGEST_FILE_BYTES, as_text, read_bytes
 
 ROW_BYTES = 100  # where rows are limited
+MOST_SAID = 40  # columns that an error names
 COMMAS = "Save it with commas between the columns and points in the numbers: 0.5, not 0,5"
 
 
@@ -83,7 +86,8 @@ def read_table(path: Path, required: Sequence[str], wanted: str, most_rows: int 
         raise ModelError(error.message, f"{error.hint}. {wanted}", error.code) from None
     reader = csv.reader(io.StringIO(text, newline=""))
     try:
-        numbered = [(reader.line_num, [cell.strip() for cell in cells]) for cells in islice(reader, most_rows)]
+        read = islice(reader, most_rows)
+        numbered = [(reader.line_num, [read_cell(cell.strip()) for cell in cells]) for cells in read]
         is_whole = next(reader, None) is None
     except csv.Error as error:
         raise ModelError(f"{path}, line {reader.line_num}: is not CSV ({error})", wanted, "bad_table") from None
@@ -99,9 +103,8 @@ def read_table(path: Path, required: Sequence[str], wanted: str, most_rows: int 
 
 def _without_empty_end(cells: list[str]) -> list[str]:
     """Cells up to the last that says something: spreadsheets leave commas behind."""
-    while cells and not cells[-1]:
-        cells = cells[:-1]
-    return cells
+    last = next((i for i in range(len(cells), 0, -1) if cells[i - 1]), 0)
+    return cells[:last]
 
 
 def _check_columns(path: Path, columns: list[str], required: Sequence[str], wanted: str) -> None:
@@ -110,14 +113,15 @@ def _check_columns(path: Path, columns: list[str], required: Sequence[str], want
             raise ModelError(f"{path}: its columns are separated by {name}", f"{COMMAS}. {wanted}", "bad_table")
     for column in required:
         _require(path, columns, column, wanted)
-    for column in columns:
-        if columns.count(column) > 1:
+    for column, times in Counter(columns).items():
+        if times > 1:
             raise ModelError(f"{path}: column {column!r} stands more than once", "Keep one of them", "bad_table")
 
 
 def _require(path: Path, columns: list[str], column: str, wanted: str) -> None:
     if column not in columns:
-        found = f"; found: {', '.join(columns)}" if columns else " (the file is empty)"
+        more = f", and {len(columns) - MOST_SAID} more" if len(columns) > MOST_SAID else ""
+        found = f"; found: {', '.join(columns[:MOST_SAID])}{more}" if columns else " (the file is empty)"
         raise ModelError(f"{path}: column {column} is missing{found}", wanted, "missing_column")
 
 

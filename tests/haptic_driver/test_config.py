@@ -4,8 +4,9 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from pydantic import model_validator
 
-from haptic_driver.config import config_dirs, parse, texture_dirs
+from haptic_driver.config import Section, config_dirs, parse, texture_dirs
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS
 from haptic_driver.rig.config import RigConfig, load_rig
@@ -225,3 +226,33 @@ def test_names_of_all_folders_are_offered(tmp_path):
     put(tmp_path / "configs", "local")
     assert "bench" in refused(load_rig, "bensch").hint
     assert "simulated" in refused(load_rig, "bensch").hint
+
+
+class Pair(Section):
+    """Two numbers that only go together."""
+
+    low: float = 0.0
+    high: float = 1.0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Pair":
+        if self.low > self.high:
+            raise ValueError(f"low {self.low:g} is above high {self.high:g}")
+        return self
+
+
+def test_a_hint_for_keys_that_do_not_go_together_names_them():
+    """It once said: Correct key ''."""
+    error = refused(parse, Pair, {"low": 2.0}, "a.toml")
+    assert error.message == "a.toml: low 2 is above high 1"
+    assert error.hint == "Change a key that it names; the keys are: low, high"
+
+
+def test_a_key_without_a_name_is_said():
+    error = refused(parse, Pair, {"": 2.0}, "a.toml")
+    assert error.message == 'a.toml: a key has no name ("")'
+    assert error.hint == "Known: high, low"
+
+
+def test_a_file_of_the_wrong_shape_has_a_hint():
+    assert refused(parse, Pair, [1.0], "a.toml").hint == "Change a key that it names; the keys are: low, high"

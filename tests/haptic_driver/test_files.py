@@ -39,3 +39,8 @@ def test_a_folder_in_the_way_is_said(tmp_path):
 def test_rows(tmp_path):
     write_rows(tmp_path / "t.csv", [{"name": "a, b", "n": 1.5}, {"name": "c", "n": 2}])
     assert (tmp_path / "t.csv").read_bytes() == b'name,n\r\n"a, b",1.5\r\nc,2\r\n'
+
+
+def test_rows_hold_no_formulas_and_negative_numbers_as_they_are(tmp_path):
+    write_rows(tmp_path / "t.csv", [{"=name": "=cmd|x", "n": -1.5, "t": "-2.5"}, {"=name": "@x", "n": 2, "t": "+"}])
+    assert (tmp_path / "t.csv").read_text().splitlines() == ["'=name,n,t", "'=cmd|x,-1.5,-2.5", "'@x,2,'+"]

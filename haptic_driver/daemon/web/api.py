@@ -28,6 +28,7 @@ from haptic_driver.daemon.verbs import COMMANDS, VIEWS, Empty, Verb
 from haptic_driver.daemon.web.carrier import CARRIER
 from haptic_driver.daemon.web.connections import OFF_THREADS
 from haptic_driver.daemon.web.frames import state_frame
+from haptic_driver.daemon.web.off import OFF_VERBS, PlainPaths
 from haptic_driver.daemon.web.security import BodyLimit, refusal
 from haptic_driver.errors import BadInputError, HapticError
 from model.support.errors import nearest
@@ -35,6 +36,7 @@ from model.support.errors import nearest
 FRAME_PERIOD_S = 0.05
 PERIODS_S = (0.02, 1.0)
 FRAME_SAMPLES = 1000
+FRAME_THREADS = 2  # for all streams together: what switches off shares the interpreter with no more of them
 EVENT_PERIOD_S = 0.05
 PAGE = "/page"
 
@@ -62,11 +64,12 @@ def create_app(daemon: Daemon, page: Path | None = None) -> FastAPI:
                 verb.path, _route(daemon, verb, off_threads), methods=[verb.method], response_model=verb.answer,
                 name=verb.name, description=verb.said, tags=[tag],
             )  # fmt: skip
-    app.include_router(_streams(daemon))
+    app.include_router(_streams(daemon, off_threads))
     if page is not None:
         app.mount(PAGE, StaticFiles(directory=page, html=True))
         app.add_api_route("/", lambda: RedirectResponse(PAGE + "/"), include_in_schema=False)
     app.add_middleware(BodyLimit)
+    app.add_middleware(PlainPaths)  # the first that sees a request
     _answer_errors(app)
     return app
 
@@ -89,8 +92,14 @@ def _route(daemon: Daemon, verb: Verb[Any, Any], off_threads: CapacityLimiter) -
     return answer
 
 
-def _streams(daemon: Daemon) -> APIRouter:
+def _streams(daemon: Daemon, off_threads: CapacityLimiter) -> APIRouter:
     router = APIRouter()
+    frame_threads = CapacityLimiter(FRAME_THREADS)
+
+    async def hear(said: str) -> None:
+        if said in OFF_VERBS:
+            with suppress(HapticError):  # the state says what has become of it
+                await to_thread.run_sync(OFF_VERBS[said].said_json, daemon, Empty(), "", limiter=off_threads)
 
     @router.websocket("/state")
     async def state(
@@ -98,7 +107,10 @@ def _streams(daemon: Daemon) -> APIRouter:
         period_s: Annotated[float, Query(ge=PERIODS_S[0], le=PERIODS_S[1])] = FRAME_PERIOD_S,
         column: Annotated[list[str], Query()] = [],  # noqa: B006 - FastAPI copies it
     ) -> None:
-        """A `StateFrame` every `period_s`, or as fast as the client takes them; always the newest."""
+        """A `StateFrame` every `period_s`, or as fast as the client takes them; always the newest.
+
+        The texts `off` and `disarm` are heard, here and at `/events`.
+        """
         newest_tick = 0
 
         def next_frame() -> str:
@@ -110,11 +122,11 @@ def _streams(daemon: Daemon) -> APIRouter:
 
         async def send_frames() -> None:
             while True:
-                await socket.send_text(await to_thread.run_sync(next_frame))
+                await socket.send_text(await to_thread.run_sync(next_frame, limiter=frame_threads))
                 await asyncio.sleep(period_s)
 
         await socket.accept()
-        await _until_gone(socket, send_frames())
+        await _until_gone(socket, send_frames(), hear)
 
     @router.websocket("/events")
     async def events(socket: WebSocket, since: Since = 0) -> None:
@@ -129,13 +141,15 @@ def _streams(daemon: Daemon) -> APIRouter:
                 await asyncio.sleep(EVENT_PERIOD_S)
 
         await socket.accept()
-        await _until_gone(socket, send_events())
+        await _until_gone(socket, send_events(), hear)
 
     return router
 
 
-async def _until_gone(socket: WebSocket, sending: Coroutine[Any, Any, None]) -> None:
-    """Send until the client closes; what it says is ignored."""
+async def _until_gone(
+    socket: WebSocket, sending: Coroutine[Any, Any, None], hear: Callable[[str], Awaitable[None]]
+) -> None:
+    """Send, and hear what the client says, until it closes."""
     async with create_task_group() as tasks:
 
         async def send() -> None:
@@ -143,8 +157,8 @@ async def _until_gone(socket: WebSocket, sending: Coroutine[Any, Any, None]) -> 
                 await sending
 
         tasks.start_soon(send)
-        while (await socket.receive())["type"] != "websocket.disconnect":
-            pass
+        while (message := await socket.receive())["type"] != "websocket.disconnect":
+            await hear(message.get("text") or "")
         tasks.cancel_scope.cancel()
 
 

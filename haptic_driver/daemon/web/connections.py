@@ -7,16 +7,22 @@ import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, ClassVar
 
+from starlette.requests import HTTPConnection
 from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from haptic_driver.daemon.daemon import Daemon
-from haptic_driver.daemon.verbs import COMMANDS, Empty, Verb
-from haptic_driver.daemon.web.security import refusal
+from haptic_driver.daemon.verbs import Empty, Verb
+from haptic_driver.daemon.web.off import begins_off
+from haptic_driver.daemon.web.security import TokenGate, refusal
 from haptic_driver.errors import HapticError
 
 MOST_CONNECTIONS = 64  # at once, per listener
 RESERVED = 64  # more, where there is an OFF lane: for OFF alone
 HEADERS_TIMEOUT_S = 2.0
+UNREAD_S = 2.0  # so long a client may leave unread what was sent to it
+ACCEPTED_AT_ONCE = 16  # a quarter of the strangers: one that has just come is read before it is the oldest
+WAITING_CONNECTIONS = 1024  # that the system keeps until they are accepted
 OFF_THREADS = 8  # for switching off alone: it never waits for a thread that another request holds
 
 _FULL = refusal(503, HapticError("busy", f"{MOST_CONNECTIONS} connections are open", "close some; OFF is still heard"))
@@ -29,14 +35,11 @@ class OffLane:
     def __init__(self, daemon: Daemon) -> None:
         self._daemon = daemon
         self._threads = _started(ThreadPoolExecutor(OFF_THREADS, "off"))
-        self._verbs = {f"{verb.method} {verb.path} ".encode(): verb for verb in COMMANDS if verb.switches_off}
 
     def begun(self, data: bytes) -> Future[bytes] | None:
         """The response to come, when a request that begins with `data` switches off."""
-        for line, verb in self._verbs.items():
-            if data.startswith(line):
-                return self._threads.submit(self._response, verb)
-        return None
+        verb = begins_off(data)
+        return self._threads.submit(self._response, verb) if verb else None
 
     def close(self) -> None:
         """Begin nothing any more."""
@@ -60,19 +63,65 @@ def _started(pool: ThreadPoolExecutor) -> ThreadPoolExecutor:
     return pool
 
 
-class Connection(H11Protocol):
+class DropsUnread(asyncio.Protocol):
+    """A connection that is cut where nobody reads what was sent: nothing more is queued for it meanwhile.
+
+    To be mixed into a protocol with a `loop` and a `transport`.
+    """
+
+    loop: asyncio.AbstractEventLoop
+    transport: asyncio.Transport
+    _unread: asyncio.TimerHandle | None = None  # cuts it; while too much is queued
+
+    def pause_writing(self) -> None:
+        """Begin to wait."""
+        super().pause_writing()
+        self._unread = self._unread or self.loop.call_later(UNREAD_S, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        """It was read."""
+        self._was_read()
+        super().resume_writing()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """End."""
+        self._was_read()
+        super().connection_lost(exc)
+
+    def _was_read(self) -> None:
+        if self._unread is not None:
+            self._unread.cancel()
+            self._unread = None
+
+
+class Streamed(DropsUnread, WebSocketsSansIOProtocol):
+    """A WebSocket."""
+
+
+class Connection(DropsUnread, H11Protocol):
     """One connection: ended when the headers of a request are late, or when too many are open.
 
-    With a `lane` some more may be open, and are heard for OFF alone.
+    With a `lane` some more may be open, and are heard for OFF alone. With a `gate` those who have not shown its token
+    are `strangers`, in the order in which they came. A new one is always heard: the oldest makes room for it.
     """
 
     lane: ClassVar[OffLane | None] = None
+    gate: ClassVar[TokenGate | None] = None
+    strangers: ClassVar[dict[Connection, None]] = {}  # of each listener its own
     _late: asyncio.TimerHandle | None = None  # ends the connection; while headers are awaited
     _is_answered = _is_extra = False  # answered: nothing that it says is heard any more
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Begin, or end at once."""
         super().connection_made(transport)
+        if self.gate is not None:
+            self.strangers[self] = None
+            if len(self.strangers) > MOST_CONNECTIONS:
+                oldest = next(iter(self.strangers))
+                del self.strangers[oldest]
+                oldest.transport.abort()
+            self._end_later()
+            return
         self._is_extra = len(self.connections) > MOST_CONNECTIONS
         if len(self.connections) > MOST_CONNECTIONS + (RESERVED if self.lane else 0):
             transport.abort()
@@ -97,11 +146,23 @@ class Connection(H11Protocol):
         super().data_received(data)
         if not self._awaits_headers:
             self._stay()
+        if self in self.strangers and self._is_known:
+            del self.strangers[self]
 
     def connection_lost(self, exc: Exception | None) -> None:
         """End."""
+        self.strangers.pop(self, None)
         self._stay()
         super().connection_lost(exc)
+
+    @property
+    def _is_known(self) -> bool:
+        """Whether it has shown the token, or is a WebSocket, which ends without."""
+        if self.transport.get_protocol() is not self:
+            return True
+        if self.gate is None or self.scope is None:
+            return False
+        return self.gate.knows_token(HTTPConnection(dict(self.scope)))
 
     @property
     def _awaits_headers(self) -> bool:

@@ -16,11 +16,13 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from haptic_driver.daemon.messages import ErrorReport
+from haptic_driver.daemon.web.off import is_off
 from haptic_driver.errors import HapticError
 
 MOST_BODY_BYTES = 16 * 1024
 BODY_TIMEOUT_S = 2.0
 POLICY_VIOLATION = 1008  # of WebSockets, RFC 6455 section 7.4.1
+TRY_AGAIN_LATER = 1013  # of WebSockets, IANA's registry
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
@@ -59,7 +61,7 @@ class TokenGate:
             return 403, HapticError("bad_host", "this address is not where the API is", "use the address it printed")
         if origin is not None and not self._ours(origin):
             return 403, HapticError("bad_origin", "a page of another site may not use the API", "open its own page")
-        if self._is_public(connection) or self._knows_token(connection):
+        if self._is_public(connection) or self.knows_token(connection):
             return None
         return 401, HapticError("no_token", "this needs the token", "send Authorization: Bearer TOKEN")
 
@@ -74,11 +76,36 @@ class TokenGate:
         path, method = connection.scope["path"], connection.scope.get("method")
         return method in ("GET", "HEAD") and (path == "/" or path.startswith(self.public))
 
-    def _knows_token(self, connection: HTTPConnection) -> bool:
+    def knows_token(self, connection: HTTPConnection) -> bool:
+        """Whether a request has shown it."""
         scheme, _, given = connection.headers.get("authorization", "").partition(" ")
         if scheme.lower() != "bearer":
             given = connection.query_params.get("token", "")
         return secrets.compare_digest(given.strip().encode(), self.token.encode())
+
+
+class AtMost:
+    """Refuses requests and streams beyond so many at once, but never what switches off."""
+
+    def __init__(self, app: ASGIApp, most: int) -> None:
+        self._app = app
+        self._most = most
+        self._open = 0
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One of them."""
+        if self._open >= self._most and not is_off(scope):
+            error = HapticError("busy", f"{self._most} requests and streams are open", "close some; OFF is still heard")
+            if scope["type"] == "websocket":
+                await send({"type": "websocket.close", "code": TRY_AGAIN_LATER, "reason": error.message})
+            else:
+                await refusal(503, error)(scope, receive, send)
+            return
+        self._open += 1
+        try:
+            await self._app(scope, receive, send)
+        finally:
+            self._open -= 1
 
 
 @dataclass(frozen=True)

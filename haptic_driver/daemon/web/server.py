@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import uvicorn
 from starlette.types import ASGIApp
@@ -18,15 +19,22 @@ from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.private_file import write_private
 from haptic_driver.daemon.web.api import PAGE, create_app
-from haptic_driver.daemon.web.connections import MOST_CONNECTIONS, Connection, OffLane
-from haptic_driver.daemon.web.security import TokenGate
+from haptic_driver.daemon.web.connections import (
+    ACCEPTED_AT_ONCE,
+    MOST_CONNECTIONS,
+    WAITING_CONNECTIONS,
+    Connection,
+    OffLane,
+    Streamed,
+)
+from haptic_driver.daemon.web.security import AtMost, TokenGate
 from haptic_driver.errors import HapticError
 
 LOOPBACK = "127.0.0.1"
 START_TIMEOUT_S = 20.0
 STARTED_POLL_S = 0.005
 GRACE_S = 1  # for requests under way when the server ends
-MOST_MESSAGE_BYTES = 4096  # of a WebSocket client, which has nothing to say
+MOST_MESSAGE_BYTES = 4096  # of a WebSocket client, which has little to say
 
 
 @contextmanager
@@ -44,8 +52,8 @@ def serve(daemon: Daemon, place: Place, tcp_port: int | None = None, page: Path 
         token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
         token_file = place.path.with_name(place.path.name + ".token")
         hosts = frozenset({f"{LOOPBACK}:{port}", f"localhost:{port}"})
-        gate = TokenGate(create_app(daemon, page), token, hosts, PAGE + "/")
-        servers.append((_server(gate), listener))
+        gate = TokenGate(AtMost(create_app(daemon, page), MOST_CONNECTIONS), token, hosts, PAGE + "/")
+        servers.append((_server(gate, gate=gate), listener))
         url = f"http://{LOOPBACK}:{port}{PAGE}/?token={token}"
         write_private(token_file, token + "\n")
     try:
@@ -73,6 +81,8 @@ def _running(servers: list[tuple[uvicorn.Server, socket.socket]]) -> Iterator[No
             if not all(thread.is_alive() for thread in threads) or time.monotonic() > until_s:
                 raise HapticError("no_api", "the API could not be started", "look at the log")
             time.sleep(STARTED_POLL_S)
+        for _, listener in servers:
+            listener.listen(WAITING_CONNECTIONS)
         yield
     finally:
         for server, _ in servers:
@@ -83,22 +93,22 @@ def _running(servers: list[tuple[uvicorn.Server, socket.socket]]) -> Iterator[No
             listener.close()
 
 
-def _server(app: ASGIApp, off_lane: OffLane | None = None) -> uvicorn.Server:
-    class Listened(Connection):
-        lane = off_lane
+def _server(app: ASGIApp, lane: OffLane | None = None, gate: TokenGate | None = None) -> uvicorn.Server:
+    said: dict[str, Any] = {"lane": lane, "gate": gate, "strangers": {}}
 
     return uvicorn.Server(
         uvicorn.Config(
             app,
-            http=Listened,
-            backlog=MOST_CONNECTIONS,  # so many are accepted in one go
+            http=type("Listened", (Connection,), said),
+            backlog=ACCEPTED_AT_ONCE,
             log_config=None,
             log_level="warning",
             access_log=False,  # addresses hold tokens
             lifespan="off",
             loop="asyncio",
-            ws="websockets-sansio",
+            ws=Streamed,
             ws_max_size=MOST_MESSAGE_BYTES,
+            ws_per_message_deflate=False,  # it would cost time, and no byte leaves this machine
             proxy_headers=False,
             server_header=False,
             timeout_graceful_shutdown=GRACE_S,

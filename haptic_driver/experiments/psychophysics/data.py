@@ -23,6 +23,7 @@ from typing import Any, NamedTuple, get_type_hints
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.psychophysics.delivery import Felt
 from haptic_driver.files import read_text, write_rows, write_text, writing
+from model.support.cells import read_cell, written_cell
 
 NOTHING = "n/a"
 LARGEST_TABLE_BYTES = 64 << 20
@@ -132,7 +133,7 @@ class SessionFiles:
                 writer = csv.DictWriter(file, list(COLUMNS), delimiter="\t", lineterminator="\n")
                 if is_new:
                     writer.writeheader()
-                writer.writerow(row.cells())
+                writer.writerow({name: written_cell(cell) for name, cell in row.cells().items()})
                 file.flush()
                 os.fsync(file.fileno())
 
@@ -191,7 +192,7 @@ def _rows(text: str, path: Path) -> Iterator[Row]:
         raise BadInputError("bad_session", said, "Give a folder that haptic experiment run has written")
     for number, cells in enumerate(reader, start=2):
         try:
-            yield row_of(cells)
+            yield row_of({name: read_cell(cell) for name, cell in cells.items()})
         except (TypeError, ValueError, KeyError) as error:
             raise BadInputError("bad_session", f"{path}: line {number}: {error}", "Restore it from a copy") from error
 

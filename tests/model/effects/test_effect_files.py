@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from model.analysis.uncertainty import cof_interval_at, uncertain_numbers
 from model.conditions import Conditions
 from model.description import ModelDescription, read_model
 from model.effects import BY_NAME, CATALOGUE, Effect
@@ -182,3 +183,14 @@ class TestPrediction:
         points = with_effects(BY_NAME["skin_hydration"].off()).surface(f, v, n)
         for name in ("electrostatic_force_n", "cof", "current_rms_a", "stuck_current_rms_a"):
             np.testing.assert_allclose(getattr(points, name), getattr(grid, name), rtol=1e-12)  # rounding
+
+
+@every_effect
+def test_a_model_that_leaves_out_what_it_may_has_an_uncertainty_all_the_same(read, effect: type[Effect]) -> None:
+    """A slew limit without its sharpness once ended `haptic solve` with a KeyError."""
+    found = read(table(effect, **dict.fromkeys(effect.usual())))
+    numbers = uncertain_numbers(found)
+    assert not {f"{effect.name}.{name}" for name in effect.usual()} & {number.name for number in numbers}
+    interval = cof_interval_at(found, 250.0, 75.0, 0.5)
+    assert interval is not None
+    assert interval[0] <= interval[1]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 
 from model.diagnosis.data import read_measurements
 from model.electric.dielectrics import read_csv
+from model.support.cells import read_cell, written_cell
 from model.support.errors import ModelError
 from model.support.files import LARGEST_FILE_BYTES, read_bytes
 from model.support.tables import Table, read_table
@@ -159,3 +162,54 @@ def test_a_dielectric_table_is_read_by_the_same_rules(tmp_path) -> None:
         read_csv(file(tmp_path, f"{header},eps_real\n1,10,1e-4,5\n2,11,1e-4,5\n"))
     with pytest.raises(ModelError, match="separated by semicolons"):
         read_csv(file(tmp_path, f"{header}\n1,10,1e-4\n".replace(",", ";")))
+
+
+FORMULAS = ["=cmd|' /C calc'!A0", "+1+1", "-2+3+cmd|x", "@SUM(A1)", "\t=1", "\r=1", "\n=1", "＝1", "'=1", "''-x", "-"]
+
+
+@pytest.mark.parametrize("text", FORMULAS)
+def test_a_formula_is_written_as_text_and_read_as_it_was(text: str) -> None:
+    written = written_cell(text)
+    assert written == f"'{text}"
+    assert read_cell(written) == text
+
+
+AS_THEY_ARE = ["-3", "-3.5e-7", "+2", "-inf", "", "linen", "it's", "'n' = 3", "a=b", -3, -0.5, None]
+
+
+@pytest.mark.parametrize("value", AS_THEY_ARE)
+def test_a_number_and_plain_text_are_written_as_they_are(value: object) -> None:
+    assert written_cell(value) == value
+    if isinstance(value, str):
+        assert read_cell(value) == value
+
+
+def test_a_table_is_read_as_it_was_before_its_formulas_became_text(tmp_path) -> None:
+    read = table(tmp_path, "a,b,'=c\n'=x,-1,'y\n")
+    assert read.columns == ["a", "b", "=c"]
+    assert read.rows == [{"a": "=x", "b": "-1", "=c": "'y"}]
+
+
+WIDE = """
+import resource, sys
+from pathlib import Path
+from model.support.tables import read_table
+
+resource.setrlimit(resource.RLIMIT_CPU, (60, 60))
+print(len(read_table(Path(sys.argv[1]), ("c0",), "").columns))
+"""
+
+
+def test_a_table_of_very_many_columns_takes_time_in_proportion_to_its_size(tmp_path) -> None:
+    """It took time by the square of its columns. 400,000 of them take seconds of the processor, or else an hour."""
+    count = 400_000
+    lines = [",".join(f"c{i}" for i in range(count)) + "," * count, "1" + "," * 2 * count]
+    path = file(tmp_path, "\n".join(lines))
+    done = subprocess.run([sys.executable, "-c", WIDE, path], capture_output=True, text=True, check=True)
+    assert done.stdout == f"{count}\n"
+
+
+def test_a_missing_column_does_not_say_all_of_very_many(tmp_path) -> None:
+    with pytest.raises(ModelError, match=r"c0, c1, .*, c39, and 60 more$") as refused:
+        read_table(file(tmp_path, ",".join(f"c{i}" for i in range(100))), ("a",), "")
+    assert refused.value.code == "missing_column"

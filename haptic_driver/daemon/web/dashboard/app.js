@@ -31,7 +31,7 @@ const page = {
 readTheme();
 const screen = new Screen($("texture-map"), $("finger"), { trailed: $("trail"), marks: $("marks"), here: $("here"), ahead: $("ahead"), nobody: $("nobody") });
 const surface = new Surface($("surface-map"), $("surface"), $("surface-said"));
-const controls = new Controls((name) => { page.selected = name; showTexture(); });
+const controls = new Controls((name) => { page.selected = name; showTexture(); }, (words) => stream.say(words));
 const happened = new Happened();
 const inSight = new Set();
 const why = new Why(controls);
@@ -150,7 +150,7 @@ function onLost() {
   show();
 }
 
-new Stream(`/state?${new URLSearchParams([["period_s", FRAME_S], ...COLUMNS.map((name) => ["column", name])])}`, { message: onFrame, lost: onLost, chatty: true });
+const stream = new Stream(`/state?${new URLSearchParams([["period_s", FRAME_S], ...COLUMNS.map((name) => ["column", name])])}`, { message: onFrame, lost: onLost, chatty: true });
 new Stream("/events", { opened: () => happened.begin(), message: (event) => happened.add(event) });
 
 // --- showing ------------------------------------------------------------------------------------------------------

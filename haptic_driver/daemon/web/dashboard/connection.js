@@ -55,11 +55,16 @@ export class Stream {
     this.open();
   }
 
+  // What switches off goes this way too: an open connection waits for no other.
+  say(words) {
+    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(words);
+  }
+
   open() {
     const address = new URL(this.path, location.href);
     address.protocol = "ws:";
     if (TOKEN) address.searchParams.set("token", TOKEN);
-    const socket = new WebSocket(address);
+    const socket = this.socket = new WebSocket(address);
     let timer, over = false;
     const end = () => {
       if (over) return;

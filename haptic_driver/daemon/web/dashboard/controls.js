@@ -19,9 +19,9 @@ export class Controls {
   status = null;
   reach = null;
 
-  // `chosen` is called with the name of a texture that is selected.
-  constructor(chosen) {
-    this.chosen = chosen;
+  // `chosen` is called with the name of a texture that is selected, `say` with what goes over the open stream.
+  constructor(chosen, say) {
+    Object.assign(this, { chosen, say });
     this.reasons = {};
     $("off").addEventListener("click", () => this.off());
     document.addEventListener("keydown", (event) => { if (event.key === "Escape") this.off(); }, true);
@@ -87,6 +87,7 @@ export class Controls {
 
   async off() {
     $("off").setAttribute("aria-busy", "true");
+    this.say("off");
     const status = await this.command(() => ask("POST", "/off"));
     $("off").removeAttribute("aria-busy");
     if (status && status.output_on !== false)

@@ -53,6 +53,7 @@ addEventListener("keydown", ({ key, repeat }) => {
 });
 at("stop").onclick = async () => {
   question = null;
+  stream.say("disarm");
   try {
     const { output_on } = await ask("POST", "/disarm");
     show(output_on === false ? "Stopped. The screen is off." : "Take your finger off the screen and call for help.");
@@ -61,7 +62,7 @@ at("stop").onclick = async () => {
   }
 };
 
-new Stream("/events", {
+const stream = new Stream("/events", {
   message: hear,
   lost: () => { newest = 0; question = null; show("Please wait: the experiment is not connected."); },
 });

@@ -8,6 +8,8 @@ import os
 import select
 import socket
 import stat
+import subprocess
+import sys
 import threading
 import time
 from contextlib import ExitStack, suppress
@@ -15,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import httpx
+import numpy as np
 import pytest
 import schemathesis
 from hypothesis import HealthCheck, settings
@@ -23,10 +26,11 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect, unix_connect
 
 from haptic_driver.daemon.messages import DaemonState
-from haptic_driver.daemon.web import connections, security
+from haptic_driver.daemon.web import api, connections, security, server
 from haptic_driver.daemon.web.api import create_app
 from haptic_driver.daemon.web.security import TokenGate
 from haptic_driver.errors import HapticError
+from haptic_driver.processes.samples import SAMPLE
 from tests.haptic_driver.daemon.bench_control import BenchControl, serving
 from tests.waiting import until
 
@@ -196,6 +200,18 @@ def at_unix(tmp_path):
     return stream
 
 
+def authority(url):
+    return httpx.URL(url).netloc.decode()
+
+
+def at_port(url):
+    return socket.create_connection(("127.0.0.1", httpx.URL(url).port), timeout=HANG_S)
+
+
+def credentials(url):
+    return f"Host: {authority(url)}\r\nAuthorization: Bearer {url.partition('?token=')[2]}\r\n"
+
+
 def test_off_does_not_wait_for_its_body(control, tmp_path):
     with serving(control, tmp_path), at_unix(tmp_path) as stream:
         control.arm(5.0)
@@ -235,6 +251,159 @@ def test_off_is_heard_while_strangers_crowd_the_port(control, tmp_path, monkeypa
                 assert said_at(lane) == (200, "idle")
             finally:
                 release.set()
+
+
+WRITTEN = [
+    "/off",
+    "/off/",
+    "/off?now",
+    "/off/?why=1&x=/",
+    "http://haptic/off",
+    "HTTP://127.0.0.1:80/off/?x",
+    "/disarm/",
+]
+
+
+@pytest.mark.parametrize("target", WRITTEN)
+def test_off_is_off_however_its_request_is_written(control, tmp_path, target):
+    """In its lane, where the headers are not waited for; and at the port, where they hold the token."""
+    with serving(control, tmp_path, 0) as url:
+        control.arm(5.0)
+        with at_unix(tmp_path) as stream:
+            stream.sendall(f"POST {target} HTTP/1.1\r\n".encode())
+            assert said_at(stream)[0] == 200
+        with at_port(url) as stream:
+            stream.sendall(f"POST {target} HTTP/1.1\r\n{credentials(url)}Content-Length: 0\r\n\r\n".encode())
+            assert said_at(stream)[0] == 200
+    word = "disarm" if "disarm" in target else "off"
+    assert [call[0] for call in control.calls if call[0] != "arm"] == [word, word]
+
+
+@pytest.mark.parametrize("target", ["/offside", "/off/x", "//off", "/status?/off", "http://haptic", "/x/off"])
+def test_what_only_looks_like_off_is_not(shared, target):
+    assert shared.unix.request("POST", "http://haptic", extensions={"target": target.encode()}).status_code in (
+        404,
+        405,
+    )
+    assert shared.control.calls == []
+
+
+@pytest.mark.parametrize("stream", ["/state", "/events"])
+@pytest.mark.parametrize("word", ["off", "disarm"])
+def test_off_goes_over_a_stream_that_is_open(control, tmp_path, stream, word):
+    """However crowded the port is, an open WebSocket needs no new connection."""
+    with serving(control, tmp_path, 0) as url:
+        token = url.partition("?token=")[2]
+        with connect(f"ws://{authority(url)}{stream}?token={token}") as open_stream:
+            control.arm(5.0)
+            open_stream.send("something else")
+            open_stream.send(word)
+            assert until(lambda: [call[0] for call in control.calls if call[0] != "arm"]) == [word]
+
+
+def test_a_new_connection_is_heard_whoever_has_taken_all_others(control, tmp_path, monkeypatch):
+    """The oldest stranger makes room; those who have shown the token stay."""
+    monkeypatch.setattr(connections, "HEADERS_TIMEOUT_S", HANG_S)
+    with ExitStack() as open_ones, serving(control, tmp_path, 0) as url:
+        known = open_ones.enter_context(at_port(url))
+        known.sendall(f"GET /status HTTP/1.1\r\n{credentials(url)}\r\n".encode())
+        assert said_at(known) == (200, "idle")
+        strangers = [open_ones.enter_context(at_port(url)) for _ in range(3 * connections.MOST_CONNECTIONS)]
+        for stranger in strangers:
+            with suppress(ConnectionError):
+                stranger.sendall(b"GET /status HTTP/1.1\r\nHost:")
+        with at_port(url) as stream:
+            stream.sendall(f"POST /off HTTP/1.1\r\n{credentials(url)}Content-Length: 0\r\n\r\n".encode())
+            assert said_at(stream) == (200, "idle")
+        known.sendall(f"GET /status HTTP/1.1\r\n{credentials(url)}\r\n".encode())
+        assert said_at(known) == (200, "idle")
+
+
+CROWD = """
+import collections, socket, sys
+
+open_ones = collections.deque()
+while True:
+    stranger = socket.socket()
+    stranger.setblocking(False)
+    stranger.connect_ex(("127.0.0.1", int(sys.argv[1])))
+    try:
+        stranger.send(sys.argv[2].encode())
+    except OSError:
+        pass
+    open_ones.append(stranger)
+    if len(open_ones) > 900:
+        open_ones.popleft().close()
+"""
+
+
+@pytest.mark.parametrize("sent", ["", "GET /status HTTP/1.1\r\nHost:"], ids=["silent", "half a request"])
+def test_off_gets_through_a_crowd_at_the_port_by_new_connections(control, tmp_path, sent):
+    """A stranger opens connections as fast as it can; 20 of 20 are heard, of which once there were 5."""
+    with serving(control, tmp_path, 0) as url:
+        crowd = subprocess.Popen([sys.executable, "-c", CROWD, str(httpx.URL(url).port), sent])
+        try:
+            for _ in range(20):
+                with at_port(url) as stream:
+                    stream.sendall(f"POST /off HTTP/1.1\r\n{credentials(url)}Content-Length: 0\r\n\r\n".encode())
+                    assert said_at(stream) == (200, "idle")
+        finally:
+            crowd.kill()
+            crowd.wait()
+
+
+def test_off_is_heard_beyond_what_may_be_asked_at_once(control, tmp_path, monkeypatch):
+    monkeypatch.setattr(server, "MOST_CONNECTIONS", 3)
+    with ExitStack() as open_ones, serving(control, tmp_path, 0) as url:
+        held = {"Authorization": f"Bearer {url.partition('?token=')[2]}"}
+        for _ in range(3):
+            stream = connect(f"ws://{authority(url)}/state", additional_headers=held)
+            open_ones.enter_context(stream).recv(HANG_S)
+        with pytest.raises(InvalidStatus):
+            connect(f"ws://{authority(url)}/state", additional_headers=held)
+        assert error_of(httpx.get(f"http://{authority(url)}/status", headers=held)) == (503, "busy")
+        assert httpx.post(f"http://{authority(url)}/off/", headers=held).json()["output_on"] is False
+
+
+def test_off_is_answered_while_50_streams_wait_for_their_frames(control, tmp_path):
+    """Frames take two threads, however many sockets want them; all others were taken once, and OFF came late."""
+    inside, release, most = [], threading.Event(), []
+
+    def hang(since_tick, most_samples):
+        inside.append(1)
+        most.append(len(inside))
+        release.wait(HANG_S)
+        inside.pop()
+        return BenchControl.samples(control, since_tick, most_samples)
+
+    control.samples = hang
+    with ExitStack() as open_ones, serving(control, tmp_path), client_of(tmp_path) as client:
+        open_ones.callback(release.set)
+        for _ in range(50):
+            open_ones.enter_context(unix_connect(str(tmp_path / "d.sock"), "ws://haptic/state"))
+        until(lambda: len(inside) == api.FRAME_THREADS)
+        assert client.get("/status", timeout=HANG_S / 2).json()["state"] == "idle"
+        assert client.post("/off", timeout=HANG_S / 2).json()["output_on"] is False
+        assert len(inside) == max(most) == api.FRAME_THREADS
+
+
+def test_a_stream_that_nobody_reads_is_cut(control, tmp_path, monkeypatch):
+    monkeypatch.setattr(connections, "UNREAD_S", 0.1)
+    monkeypatch.setattr(control, "samples", lambda since_tick, most: np.zeros(most, SAMPLE))
+    columns = "&".join(f"column={name}" for name in SAMPLE.names)
+    with (
+        serving(control, tmp_path),
+        at_unix(tmp_path) as unread,
+        unix_connect(str(tmp_path / "d.sock"), "ws://haptic/state") as read,
+    ):
+        upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+        key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+        asked = f"GET /state?period_s=0.02&{columns} HTTP/1.1\r\nHost: haptic\r\n{upgrade}{key}\r\n"
+        unread.sendall(asked.encode())
+        ended = select.poll()
+        ended.register(unread, 0)
+        until(lambda: ended.poll(0))  # hung up, with what was queued still unread
+        assert json.loads(read.recv(HANG_S))["status"]["state"] == "idle"
 
 
 @pytest.mark.parametrize("sent", [b"", b"GET /status HTTP/1.1\r\nHost:"])

@@ -149,6 +149,16 @@ def test_off_switches_off(page, served, control, switch_off):
     text(page, "#output", "OFF")
 
 
+def test_off_needs_no_new_connection(page, served, control):
+    """Where the port is crowded the open stream carries it; the page shows what has become of it."""
+    arm_and_set(page)
+    page.route("**/off", lambda route: route.abort())
+    page.click("#off")
+    assert await_state(served, "armed")["output_on"] is False
+    assert ("off",) in control.calls
+    text(page, "#output", "OFF")
+
+
 def test_off_that_cannot_be_shown_is_not_called_off(page, control):
     arm_and_set(page)
     control.shown_off = False
