@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import logging
+import os
+import sys
+import threading
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +16,8 @@ from typer import Option
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
 from haptic_driver.daemon.address import Address
 from haptic_driver.errors import BadInputError
+
+FLUSH_S = 1.0
 
 app = typer.Typer(no_args_is_help=True, help="Run the daemon.")
 SocketOption = Annotated[
@@ -67,14 +73,20 @@ def run(
         raise BadInputError("no_place", f"a daemon does not listen at {address}", "Give a path as --socket, and --port")
 
     def announce(socket: Path, page: str | None) -> None:
-        report(as_json, {"socket": str(socket), "page": page}, lambda: _show(rig, socket, page))
+        said = partial(report, as_json, {"socket": str(socket), "page": page}, lambda: _show(rig, socket, page))
+        threading.Thread(target=said, name="announce", daemon=True).start()
 
     handler = DroppingHandler()
     handler.addFilter(OncePerSecond())
     handler.setFormatter(Printable("%(asctime)s %(name)s: %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     links = Links(lsl, osc, lsl_markers)
-    return run_daemon(rig, place, model, allow_no_rt, port, links, announce, slide)
+    status = run_daemon(rig, place, model, allow_no_rt, port, links, announce, slide)
+    handler.flush()
+    flushing = threading.Thread(target=sys.stdout.flush, name="flush", daemon=True)
+    flushing.start()
+    flushing.join(FLUSH_S)
+    os._exit(status)  # all is closed; what else Python does at its end may wait for a terminal that is stopped
 
 
 def _show(rig: str, socket: Path, page: str | None) -> None:

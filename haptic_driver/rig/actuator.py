@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from math import inf, nan
-from typing import NamedTuple
 
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import OffEvidence
@@ -74,16 +73,6 @@ class SetpointActuator(Actuator):
         return command._replace(voltage_v=voltage_v)
 
 
-class _Carrier(NamedTuple):
-    """What is out."""
-
-    frequency_hz: float
-    voltage_v: float
-
-
-_NO_CARRIER = _Carrier(nan, 0.0)
-
-
 class CarrierActuator(Actuator):
     """A carrier over SCPI at the highest amplitude that is allowed there, which an envelope takes down.
 
@@ -96,23 +85,16 @@ class CarrierActuator(Actuator):
     def __init__(self, rig: Rig, relay_interval_s: float, limit_v: float) -> None:
         super().__init__(rig, relay_interval_s)
         self._limit_v = limit_v
-        self._out = _NO_CARRIER
-
-    def command(self, time_s: float, command: DriveCommand) -> None:
-        """The carrier, at its highest as long as output is on."""
-        super().command(time_s, command)
-        set_point = self._set_point(command)
-        self._out = _Carrier(*set_point[:2]) if self.rig.state is RigState.ON else _NO_CARRIER
 
     @property
     def carrier_hz(self) -> float:
         """The carrier that is out."""
-        return self._out.frequency_hz
+        return self.rig.carrier[0]
 
     @property
     def full_scale_v(self) -> float:
         """The carrier's own voltage."""
-        return self._out.voltage_v
+        return self.rig.carrier[1]
 
     def _set_point(self, command: DriveCommand) -> DriveCommand:
         return command._replace(voltage_v=min(command.full_scale_v, self._limit_v) if command.output_on else 0.0)

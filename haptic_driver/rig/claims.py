@@ -17,18 +17,39 @@ from pathlib import Path
 
 from haptic_driver.errors import HapticError
 
-_VISA_HOST = re.compile(r"TCPIP\d*::(?P<host>[^:]+)::.*", re.IGNORECASE)
+_VISA_HOST = re.compile(r"TCPIP\d*::(?P<host>\[[^]]+\]|[^:]+)::(?P<rest>.*)", re.IGNORECASE)
+_PLAIN_HOST = re.compile(r"(?P<host>\[[^]]+\]|[^:/\s]+):(?P<rest>\d+)")
+_SERIAL = re.compile(r"(ASRL)?(?P<port>/[^:]+)(::INSTR)?", re.IGNORECASE)
+_BOARD = re.compile(r"^(GPIB|USB|ASRL)::", re.IGNORECASE)
+_HEX = re.compile(r"0x[0-9a-f]+", re.IGNORECASE)
 _PEER = struct.Struct("3i")  # process, user and group of whoever listens
+WAITING = 4096  # who asks for a holder is never let in, and must not be turned away
 
 
 def same_place(address: str) -> str:
-    """One spelling of an address: a host on the network is one instrument, by whatever port; this machine is not."""
-    found = _VISA_HOST.fullmatch(address.strip())
-    host = found["host"].lower() if found else ""
-    is_here = host in ("localhost", "127.0.0.1", "::1")
-    if host and not is_here:
-        return host
-    return str(Path(address).resolve()) if address.startswith("/dev/") else address.strip().lower()
+    """One spelling of an address.
+
+    A host on the network is one instrument, by whatever port; on this machine each port is one. Names of hosts and
+    links of devices lead to where they lead.
+    """
+    name = address.strip().removeprefix("visa:")
+    if (serial := _SERIAL.fullmatch(name)) and os.path.exists(serial["port"]):  # else a channel of a card
+        return os.path.realpath(serial["port"])
+    if found := _VISA_HOST.fullmatch(name) or _PLAIN_HOST.fullmatch(name):
+        host = _resolved(found["host"].strip("[]"))
+        is_here = host == "::1" or host.startswith("127.")
+        port = "".join(re.findall(r"\d+", found["rest"])[:1])
+        return f"{host}:{port}" if is_here else host
+    name = _BOARD.sub(lambda board: f"{board[1]}0::", name)
+    name = _HEX.sub(lambda number: str(int(number[0], 16)), name)
+    return name.lstrip("/").lower()
+
+
+def _resolved(host: str) -> str:
+    try:
+        return str(socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0][4][0])
+    except OSError:
+        return host.lower()
 
 
 class Claims:
@@ -52,7 +73,7 @@ class Claims:
             self._held.append(claim)
             try:
                 claim.bind(_name(address))
-                claim.listen(16)
+                claim.listen(WAITING)
             except OSError as error:
                 self.release()
                 said = f"{address} is in use by {_holder(address)}"

@@ -27,6 +27,7 @@ from hw.generator.settings import Shape
 
 ROUNDING = 1.0 + 1e-6
 LOOK_S = 1.0  # between looks at an output that is off
+UNANSWERED_S = 30.0  # until the next, where nobody answers
 
 
 class _SetPoint(NamedTuple):
@@ -34,6 +35,7 @@ class _SetPoint(NamedTuple):
 
     time_s: float
     voltage_v: float
+    frequency_hz: float
 
 
 def require_verified(config: RigConfig) -> None:
@@ -88,7 +90,7 @@ class Rig:
         self._interval_s = config.output.setpoint_interval_s
         self._step_v = config.output.voltage_rise_v_per_s * self._interval_s
         self._written: _SetPoint | None = None
-        self._refreshed_s = self._beaten_s = self._rested_s = self._tried_off_s = self._looked_s = -math.inf
+        self._refreshed_s = self._beaten_s = self._rested_s = self._tried_off_s = self._look_at_s = -math.inf
 
     @property
     def state(self) -> RigState:
@@ -99,6 +101,13 @@ class Rig:
     def minimum_voltage_v(self) -> float:
         """The lowest voltage that the generator can set while its output is on."""
         return self._generator.minimum_voltage_v
+
+    @property
+    def carrier(self) -> tuple[float, float]:
+        """Frequency and peak voltage that were written last; NaN and 0 while the output is not on."""
+        if self._written is None or self.state is not RigState.ON:
+            return math.nan, 0.0
+        return self._written.frequency_hz, self._written.voltage_v
 
     @property
     def events(self) -> Sequence[RigEvent]:
@@ -233,7 +242,7 @@ class Rig:
         voltage_v = min(command.voltage_v, before_v + self._step_v)
         offset_v = voltage_offset_v * voltage_v / command.voltage_v
         self._switch.set_point(command.frequency_hz, voltage_v, offset_v, shape)
-        self._written = _SetPoint(time_s, voltage_v)
+        self._written = _SetPoint(time_s, voltage_v, command.frequency_hz)
 
     def _refresh(self, time_s: float) -> None:
         self._refreshed_s = time_s
@@ -260,10 +269,14 @@ class Rig:
     def _look(self, time_s: float) -> None:
         """See that an output that was switched off still is; what was true once is no evidence for long."""
         if self._switch.may_be_on:
-            self._looked_s = -math.inf
-        elif not 0.0 <= time_s - self._looked_s < LOOK_S:
-            self._looked_s = time_s
-            self._switch.look()
+            self._look_at_s = -math.inf
+        elif not 0.0 < self._look_at_s - time_s <= UNANSWERED_S:
+            self._look_at_s = time_s + LOOK_S
+            try:
+                self._switch.look()
+            except DeviceError:  # switched off for the night, maybe: the amplifier's line is evidence as well
+                self._look_at_s = time_s + UNANSWERED_S
+                self._off_for_certain(time_s)
 
     def _rest(self, time_s: float) -> None:
         """Have heartbeats hear from us between two touches, too: one that has stopped is known within its period."""

@@ -67,7 +67,8 @@ def _contact_admittance(circuit: GapCircuit, pressure: Array, full_hat: float, r
     for i in range(pressure.size):
         beta, per_a, z = divider(circuit, i, 0, pressure[i])
         share = math.erf(pressure[i] / circuit.pressure_scale_pa[i] / full_hat)  # of the area, (42)
-        result[i] = share * per_a * (beta + circuit.k_gap[i, 0] * per_a / z)
+        no_gap = circuit.k_gap[i, 0] * per_a / z if z != 0.0 else complex(np.inf, 0.0)
+        result[i] = share * per_a * (beta + no_gap)
 
 
 @kernel

@@ -1,6 +1,12 @@
 """What a machine may refuse after arming: threads, processes, memory, disk, and anybody who reads what is logged."""
 
+import os
+import pty
 import signal
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
@@ -38,3 +44,31 @@ def test_a_log_that_nobody_reads_stops_nothing(denied_daemon):
     daemon.process.send_signal(signal.SIGTERM)
     assert daemon.process.wait(HANG_S) == 0
     assert history(daemon.record)[-1][1] == 0.0
+
+
+STOP = b"\x13"  # Ctrl-S
+
+
+@pytest.mark.parametrize("stopped", ["before", "after"])
+def test_a_stopped_terminal_keeps_nobody_from_the_end(tmp_path, stopped):
+    """Where it was stopped before the daemon said that it was ready, SIGTERM once left the output on."""
+    path = tmp_path / "d.sock"
+    person, terminal = pty.openpty()
+    if stopped == "before":
+        os.write(person, STOP)
+    command = [Path(sys.executable).with_name("haptic"), "daemon", "run", "--socket", path]
+    with subprocess.Popen(command, stdin=terminal, stdout=terminal, stderr=terminal, start_new_session=True) as process:
+        try:
+            until(path.exists)
+            with HapticClient(path) as client:
+                if stopped == "after":
+                    os.write(person, STOP)
+                client.set(client.arm(60.0).token, 0.65)
+                until(lambda: client.status().output_on)
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(HANG_S) == 0  # the output is known to be off
+        finally:
+            process.kill()
+            for descriptor in (person, terminal):
+                with suppress(OSError):
+                    os.close(descriptor)

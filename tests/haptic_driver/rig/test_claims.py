@@ -1,5 +1,6 @@
 """One program at a time has an instrument, whoever runs it."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -79,7 +80,14 @@ def test_all_or_none(hold):
         ("TCPIP::192.0.2.5::5025::SOCKET", "tcpip0::192.0.2.5::INSTR", True),
         ("TCPIP::192.0.2.5::5025::SOCKET", "TCPIP::192.0.2.6::5025::SOCKET", False),
         ("TCPIP::127.0.0.1::5025::SOCKET", "TCPIP::127.0.0.1::5026::SOCKET", False),  # simulated ones live there
-        ("USB0::0x0957::0x0407::MY1::INSTR", "usb0::0x0957::0x0407::my1::instr", True),
+        ("USB0::0x0957::0x0407::MY1::INSTR", "usb::2391::1031::my1::instr", True),
+        ("TCPIP::localhost::5025::SOCKET", "TCPIP0::127.0.0.1::5025::SOCKET", True),
+        ("visa:TCPIP::192.0.2.5::INSTR", "192.0.2.5:5025", True),
+        ("TCPIP::[fe80::1]::5025::SOCKET", "TCPIP::[fe80::2]::5025::SOCKET", False),
+        ("ASRL/dev/null::INSTR", "/dev//null", True),
+        ("/dev/stdin", os.path.realpath("/dev/stdin"), True),  # a link leads where it leads
+        ("GPIB::10::INSTR", "GPIB0::10::INSTR", True),
+        ("Dev1/port0/line0", "/Dev1/port0/line0", True),
     ],
 )
 def test_what_counts_as_one_instrument(one, other, same):

@@ -609,6 +609,15 @@ def test_a_generator_that_somebody_switches_on_while_off_is_a_trip(rig_config, m
     assert not bench.generator.output().on
 
 
+def test_a_generator_that_is_switched_off_for_the_night_is_no_fault_where_the_line_says_off(bench):
+    """And it is not asked every second then."""
+    bench.faults.inject(Fault.HANG, count=math.inf)
+    for second in range(25):
+        bench.rig.watch(100.0 + second)
+    assert bench.rig.state is RigState.OFF
+    assert len(bench.rig.events) <= 4
+
+
 def test_an_amplifier_that_trips_or_loses_its_enable_line_is_a_trip(bench):
     bench.rig.command(0.0, on(80.0))
     bench.amplifier.trip()

@@ -185,3 +185,14 @@ def test_axes_beyond_what_was_learned_are_refused_with_the_range(learned, limits
 
 def test_axes_of_a_model_that_learned_nothing_stay(touch):
     assert axes_within(touch.description, SMALL) is SMALL
+
+
+def test_a_model_whose_worst_case_is_not_finite_has_no_surface(model_description, limits):
+    """A learned term that overshoots once gave limits that were no numbers, and 93 kV were asked of the gate."""
+    nodes = (0.0, 81.0, 90.0, 1e5)
+    form = LearnedForm("voltage", "spline", (Term(("time_s",), (nodes,), 1.0),), 1.0)
+    values = {f"time_s_{i}": Parameter(v, "1", "") for i, v in enumerate((0.0, -20.0, 20.0, 0.0))}
+    model = replace(model_description, effect_parameters={"learned": values}, learned_form=form)
+    with pytest.raises(BadInputError) as refused:
+        build_surface(model, limits, SurfaceAxes(frequency_count=6, voltage_count=8, normal_force_count=4))
+    assert refused.value.code == "not_finite"
