@@ -131,11 +131,11 @@ def build_surface(
         hint = "Build within its range, measure there and diagnose again, or remove [effects.learned]"
         raise BadInputError("outside_range", f"model '{description.name}' has learned nothing at {outside}", hint)
     touch = TouchModel(description)
-    solved = touch.surface(f, v, n)
     stuck_a_per_v, electrode_gain = worst_case(description, f, v)
     if not (np.isfinite(stuck_a_per_v).all() and np.isfinite(electrode_gain).all()):
         said = f"model '{description.name}' gives no finite current or voltage somewhere on these axes"
         raise BadInputError("not_finite", said, "look at its effects, a learned one first")
+    solved = touch.surface(f, v, n)
     interval = None
     if with_interval and not description.is_published:
         interval = CofInterval(*uncertainty.cof_interval(description, f, v, n, solved.cof))

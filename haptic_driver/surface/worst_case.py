@@ -25,7 +25,8 @@ def worst_case(description: ModelDescription, frequency_hz: Array, voltage_v: Ar
     stuck_a = electrode_v = np.zeros((frequency_hz.size, voltage_v.size))
     f, v = frequency_hz[:, None, None], set_v[:, None]
     for time_s in CORRECTION_TIMES_S if needs(description, "time_s") else (0.0,):
-        stuck, electrode = touch.worst_case(sines(f, v, LOADS_N, SPEED_REFERENCE_M_S, float(time_s)))
+        with np.errstate(over="ignore", invalid="ignore"):  # who asks looks whether it is finite
+            stuck, electrode = touch.worst_case(sines(f, v, LOADS_N, SPEED_REFERENCE_M_S, float(time_s)))
         stuck_a = np.maximum(stuck_a, stuck.max(axis=2))
         electrode_v = np.maximum(electrode_v, electrode.max(axis=2))
     return stuck_a / set_v, electrode_v / set_v
