@@ -132,9 +132,9 @@ class HapticClient:
         """Mend the finger's model while it renders, or go back to the model as it was."""
         return self._ask(verbs.ADAPT, on=on)
 
-    def record(self, path: Path | None) -> Status:
-        """Record into a file, or stop with None."""
-        return self._ask(verbs.RECORD, path=str(path.absolute()) if path is not None else None)
+    def record(self, path: Path | None, lease: str | None = None) -> Status:
+        """Record into a file, or stop with None; with the token of a lease until that is over, and no other's."""
+        return self._ask(verbs.RECORD, path=str(path.absolute()) if path is not None else None, lease=lease)
 
     def mark(self, label: str, data: Mapping[str, object] | None = None) -> Marked:
         """Write a marker, with anything that JSON can say, among the events and into the recording."""
@@ -251,6 +251,10 @@ class Session:
     def play(self, texture: str, *, nearest: bool = False) -> Status:
         """Ask for a texture, by its name or the path of its file; `nearest` where most of it is far out of reach."""
         return self._client.play(self.token, texture, nearest=nearest)
+
+    def record(self, path: Path | None) -> Status:
+        """Record into a file until the lease is over, whatever ends it, or stop that with None."""
+        return self._client.record(path, self.token)
 
     def off(self) -> Status:
         """Output to zero at once; still armed."""

@@ -23,7 +23,7 @@ from haptic_driver.cli.output import Json, ModelOption, RigOption, named, progre
 from haptic_driver.errors import BadInputError
 
 if TYPE_CHECKING:
-    from haptic_driver.client import HapticClient
+    from haptic_driver.client import HapticClient, Session
     from haptic_driver.experiments.psychophysics.analysis import Result
     from haptic_driver.experiments.psychophysics.data import SessionFiles
     from haptic_driver.experiments.psychophysics.description import Experiment
@@ -71,7 +71,7 @@ def run(
         answering = _participant(experiment, client, files, simulated)
         tell = answering.tell if isinstance(answering, _Keys) else lambda said: None
         as_ctrl_c = signals_to(signal.default_int_handler)
-        with as_ctrl_c, client.armed(LEASE_S) as held, _recorded(client, files, record):
+        with as_ctrl_c, client.armed(LEASE_S) as held, _recorded(client, held, files, record):
             apparatus = DaemonApparatus(client, held, files.beh, tell)
             done = run_session(experiment, files, apparatus, answering, about)
     payload = done._asdict() | {
@@ -239,18 +239,19 @@ def _participant(experiment: Experiment, client: HapticClient, files: SessionFil
 
 
 @contextmanager
-def _recorded(client: HapticClient, files: SessionFiles, wanted: bool) -> Iterator[None]:
+def _recorded(client: HapticClient, held: Session, files: SessionFiles, wanted: bool) -> Iterator[None]:
+    """Meanwhile every tick is recorded, for as long as the lease lasts: who is killed leaves none running."""
     if wanted:
         files.beh.mkdir(parents=True, exist_ok=True)
         path = files.table.with_name(files.table.stem.removesuffix("_beh") + "_recording.h5").absolute()
         if client.status().recording == str(path):  # what a killed run has left; this one is the file's next
             client.record(None)
-        client.record(path)
+        held.record(path)
     try:
         yield
     finally:
         if wanted:
-            client.record(None)
+            held.record(None)
 
 
 class _Keys:

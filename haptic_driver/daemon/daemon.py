@@ -78,7 +78,9 @@ class Daemon:
         self._painter = Loader("painter")  # begun when somebody looks
         self.basis = basis = Basis(settings, shared, events, self._loader)
         self._targets = targets = Targets(shared, orders, events, clock, partial(_reachable, basis), self._loader)
-        self._recordings = Recordings(shared, events, lambda: basis.settings, identified)
+        self._recordings = Recordings(
+            shared, events, lambda: basis.settings, identified, orders.machine.is_held_by, clock
+        )
         self.supervisor = Supervisor(settings, shared, orders, events, clock, ended)
         basis.among(orders, targets, self._recordings, self.supervisor)
         self._watched = Watched(
@@ -293,12 +295,12 @@ class Daemon:
         """Begin to diagnose what was rendered in the last minutes."""
         return self.basis.why(minutes)
 
-    def record(self, path: str | None) -> Status:
-        """Start or stop a recording."""
+    def record(self, path: str | None, lease: str | None = None) -> Status:
+        """Start or stop a recording, which may end with a lease."""
         if path is None:
-            self._recordings.stop()
+            self._recordings.stop(lease)
         else:
-            self._recordings.start(Path(path))
+            self._recordings.start(Path(path), lease)
         return self.status()
 
     def mark(self, label: str, data: Mapping[str, Any]) -> Marked:

@@ -137,7 +137,7 @@ class Status(Checked):
     disagreement: str | None = None  # the last sentence about it
     adaptation: str | None = None  # what came of mending the model last; null while nothing is mended
     recording: str | None  # the file; None also while a recording waits for space
-    recording_fault: str | None  # why a part of the present recording is missing
+    recording_fault: str | None  # what is missing of the present recording, and why
 
     def __str__(self) -> str:
         """For a person."""
@@ -221,9 +221,10 @@ class ArmRequest(Request):
 
 
 class RecordingRequest(Request):
-    """`haptic record FILE`; null stops."""
+    """`haptic record FILE`; null stops. With the token of a lease it ends 2 s after that, and null stops no other."""
 
     path: Annotated[str, Field(min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f]+$")] | None
+    lease: Annotated[str, Field(min_length=1, max_length=100)] | None = None
 
 
 class Mark(Request):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from importlib.metadata import version
@@ -22,25 +23,32 @@ from haptic_driver.rig.actuator import actuator_name
 
 SPACE_BYTES = 32 << 20  # free before a recording goes on: two minutes of it, twice
 LOOK_S = 2.0  # between looks at that
+AFTER_LEASE_S = 2.0  # what a fault does afterwards is recorded too
 
 
 class Recordings:
     """At most one recording at a time, into which events go too. `lock` is of whoever starts or stops one.
 
     A recording that ends by itself goes on in another file as soon as there is space. `fault` then says why it had to,
-    until it is stopped, which fails with the same. `settings` are those of the moment; `calibration_ids` by device.
+    or which ticks are missing, until it is stopped, which fails with the same. One that was begun with a lease ends
+    `AFTER_LEASE_S` after it: nobody else would end it when its owner is killed. `holds` is whether a token is that of
+    the present lease; `settings` are those of the moment; `calibration_ids` by device.
     """
 
     def __init__(
         self, shared: SharedState, events: EventLog, settings: Callable[[], DaemonSettings],
-        calibration_ids: dict[str, str],
+        calibration_ids: dict[str, str], holds: Callable[[str], bool], clock: Callable[[], float] = time.monotonic,
     ) -> None:  # fmt: skip
         self.lock = threading.Lock()
-        self.fault: str | None = None
+        self._fault: str | None = None  # of recorders that have ended
         self._shared = shared
         self._events = events
         self._settings = settings
         self._calibration_ids = calibration_ids
+        self._holds = holds
+        self._clock = clock
+        self._lease: str | None = None  # with which the present one ends
+        self._held_s = 0.0  # when it was last there
         self._asked: Path | None = None
         self._recorder: Recorder | None = None
         self._stopped = threading.Event()  # of the present recording
@@ -58,40 +66,78 @@ class Recordings:
         recorder = self._recorder
         return {"recorder": recorder.pid} if recorder is not None else {}
 
-    def start(self, path: Path) -> None:
-        """Begin one. RefusedError while there is one, BadInputError for a path that cannot be used."""
+    @property
+    def fault(self) -> str | None:
+        """What is missing of the present recording, in words."""
+        recorder = self._recorder
+        return _joined(self._fault, None if recorder is None else recorder.missing)
+
+    def start(self, path: Path, lease: str | None = None) -> None:
+        """Begin one, which may end with a lease. RefusedError while there is one, and where that is not the lease.
+
+        BadInputError for a path that cannot be used.
+        """
         with self.lock:
+            if lease is not None and not self._holds(lease):
+                raise RefusedError("not_yours", "the recording is to end with a lease that is over", "arm again")
             if self._asked is not None:
                 raise RefusedError("recording", f"already recording into {self.path or self._asked}", "stop that first")
             self._begin(path)
             self._asked, self._stopped = path, threading.Event()
+            self._lease, self._held_s = lease, self._clock()
 
-    def stop(self) -> None:
-        """End it, if there is one. HapticError `recording_failed` where something of it is missing."""
+    def stop(self, lease: str | None = None) -> None:
+        """End it, if there is one, and if it is to end with `lease`, where that is given.
+
+        HapticError `recording_failed` where something of it is missing.
+        """
         with self.lock:
+            if lease is not None and lease != self._lease:
+                return
             self._stopped.set()
             recorder, self._recorder = self._recorder, None
-            fault, self.fault, self._asked = self.fault, None, None
+            fault, self._fault, self._asked, self._lease = self._fault, None, None, None
             if recorder is not None:
                 why = recorder.stop()
-                self._events.tell("recording", f"ended: {recorder.path}" if why is None else f"ended badly: {why}")
-                fault = fault or why
+                self._events.tell("recording", f"ended: {recorder.path}" if why is None else f"ended, not whole: {why}")
+                fault = _joined(fault, why)
         if fault is not None:
             went_on = f"; then into {recorder.path}" if recorder is not None else ""
             raise HapticError("recording_failed", f"the recording is not whole: {fault}{went_on}", "look at the events")
 
     def watch(self) -> None:
         """One that ends by itself is told of, and goes on when it can; rendering goes on without it."""
-        recorder = self._recorder
-        if recorder is not None and self.lock.acquire(blocking=False):
+        if self._asked is not None and self.lock.acquire(blocking=False):
             try:
-                if recorder is self._recorder and (why := recorder.ended()) is not None:
-                    self._recorder = None
-                    self.fault = self.fault or why
-                    self._events.tell("recording", why)
-                    threading.Thread(target=self._go_on, args=(self._stopped,), name="record", daemon=True).start()
+                if self._recorder is not None:
+                    self._watch(self._recorder)
+                self._watch_lease()
             finally:
                 self.lock.release()
+
+    def _watch(self, recorder: Recorder) -> None:
+        before = recorder.missing
+        for said in recorder.news():
+            self._events.tell("recording", said)
+        if recorder.missing is not None and recorder.missing != before:
+            self._events.tell("recording", recorder.missing)
+        if (why := recorder.ended()) is not None:
+            self._recorder = None
+            self._fault = _joined(self._fault, recorder.missing, why)
+            self._events.tell("recording", why)
+            threading.Thread(target=self._go_on, args=(self._stopped,), name="record", daemon=True).start()
+
+    def _watch_lease(self) -> None:
+        if self._lease is None or self._holds(self._lease):
+            self._held_s = self._clock()
+        elif self._clock() - self._held_s > AFTER_LEASE_S and not self._stopped.is_set():
+            self._stopped.set()
+            self._events.tell("recording", "ends, since the lease with which it was begun is over")
+            threading.Thread(target=self._end_left, args=(self._lease,), name="record", daemon=True).start()
+
+    def _end_left(self, lease: str) -> None:
+        with suppress(HapticError):  # an event says it
+            self.stop(lease)
 
     def _go_on(self, stopped: threading.Event) -> None:
         while not stopped.wait(LOOK_S):
@@ -124,6 +170,11 @@ class Recordings:
             latency_budget_s=settings.latency_budget_s(self._shared.played.read().lead_s),
             config=settings.config.model_dump(mode="json"),
         )
+
+
+def _joined(*said: str | None) -> str | None:
+    """What was said, each thing once; None where nothing was."""
+    return "; ".join(dict.fromkeys(one for one in said if one is not None)) or None
 
 
 def _next(path: Path) -> Path:

@@ -55,6 +55,11 @@ class StateMachine:
         self.lease_until_s = now_s + lease.lease_s
         return lease
 
+    def is_held_by(self, token: str) -> bool:
+        """Whether there is a lease and it has this token."""
+        lease = self._lease
+        return lease is not None and secrets.compare_digest(token.encode(), lease.token.encode())
+
     def render(self, token: str, now_s: float) -> None:
         """Armed or rendering -> rendering."""
         self._held(token, now_s)

@@ -94,7 +94,8 @@ ADAPT = Verb(
     "Mend the finger's model while it renders, by what is felt; or go back to the model as it was.",
 )  # fmt: skip
 RECORD = Verb(
-    "record", "POST", "/record", messages.RecordingRequest, Status, lambda daemon, asked, _: daemon.record(asked.path),
+    "record", "POST", "/record", messages.RecordingRequest, Status,
+    lambda daemon, asked, _: daemon.record(asked.path, asked.lease),
     "Record into a file on the daemon's machine, or stop with null.",
 )  # fmt: skip
 MARK = Verb(

@@ -3,8 +3,8 @@
     python -m haptic_driver.recording.process RING TALK < settings
 
 takes pickled `RecorderSettings` from standard input and says on standard output whether it records, as one JSON line.
-Events come as datagrams over TALK; its end, also by the death of control, is the end of the run. The last thing said
-there is one JSON object, `{"why": null}` or what went wrong.
+Events come as datagrams over TALK; its end, also by the death of control, is the end of the run. What is said there are
+JSON objects: `{"missing": null, "news": []}` when one of the two changes, and last `{"why": null}` or what went wrong.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes import parent
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.shared_memory import SharedState, Taken
 from haptic_driver.recording.event import Event
-from haptic_driver.recording.writer import INTERVAL_S, RunHeader, RunWriter, record, remove_hidden, where
+from haptic_driver.recording.writer import INTERVAL_S, RunHeader, RunWriter, left_by_dead, record, where
 
 START_TIMEOUT_S = 60.0  # on a busy machine
 STOP_TIMEOUT_S = 10.0
@@ -50,6 +51,9 @@ class Recorder:
 
     def __init__(self, path: Path, header: RunHeader, shared: SharedState) -> None:
         self.path = where(path)  # what is there the process looks at: it may be anything
+        self.missing: str | None = None  # what its run lacks so far, in words
+        self._news: list[str] = []
+        self._last: dict[str, Any] | None = None
         self._talk, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
             settings = RecorderSettings(self.path, header, shared.ring.position)
@@ -78,6 +82,12 @@ class Recorder:
         with suppress(OSError):
             self._talk.send(event.model_dump_json().encode())
 
+    def news(self) -> list[str]:
+        """What has happened to its files since the last time, in words; `missing` is up to date afterwards."""
+        self._hear()
+        said, self._news = self._news, []
+        return said
+
     def ended(self) -> str | None:
         """Why it has ended by itself (disk full, killed); None while it records."""
         return self._last_word() if self._child.ended else None
@@ -91,18 +101,28 @@ class Recorder:
 
     def _last_word(self) -> str | None:
         """What it said at its end; then nothing of it is left."""
-        said = b""
-        with suppress(OSError):
-            try:
-                said = self._talk.recv(MOST_BYTES)
-            except ConnectionResetError:  # it left an event unread; what it said itself comes after that
-                said = self._talk.recv(MOST_BYTES)
+        self._hear()
         self._talk.close()
         self._child.stop()
-        died = f"{self._child.ended}; what came before is in {self.path}"
-        why: str | None = json.loads(said)["why"] if said else died
-        remove_hidden(self.path)
+        left = left_by_dead(self.path)
+        why: str | None = f"{self._child.ended}; {left}" if self._last is None else self._last["why"]
         return why
+
+    def _hear(self) -> None:
+        """All that it has said, as long as the socket's timeout lets us wait."""
+        with suppress(OSError):
+            while self._last is None:
+                try:
+                    said = self._talk.recv(MOST_BYTES)
+                except ConnectionResetError:  # it left an event unread; what it said itself comes after that
+                    said = self._talk.recv(MOST_BYTES)
+                if not said:
+                    return
+                message = json.loads(said)
+                if "why" in message:
+                    self._last = message
+                else:
+                    self.missing, self._news = message["missing"], [*self._news, *message["news"]]
 
 
 class _Talk:
@@ -110,6 +130,7 @@ class _Talk:
 
     def __init__(self, descriptor: int) -> None:
         self._socket = socket.socket(fileno=descriptor)
+        self._told: str | None = None
         signal.signal(signal.SIGTERM, lambda number, frame: self._hang_up())
 
     def wait(self) -> tuple[Sequence[Event], bool]:
@@ -124,6 +145,14 @@ class _Talk:
                     return events, True
                 events.append(Event.model_validate_json(said))
         return events, False
+
+    def tell(self, missing: str | None, news: Sequence[str]) -> None:
+        """Say what is missing so far, where that has changed, and what is new; a slow control is not awaited."""
+        if missing != self._told or news:
+            with suppress(OSError):
+                said = json.dumps({"missing": missing, "news": list(news)}).encode()
+                self._socket.send(said, socket.MSG_DONTWAIT)
+                self._told = missing
 
     def say_last(self, why: str | None) -> None:
         """Tell control how it ended, and hang up."""
@@ -157,11 +186,11 @@ def main() -> int:
         return 1
     parent.tell({"recording": str(settings.path)})
     try:
-        record(writer, drain, talk.wait)
+        missing = record(writer, drain, talk.wait, talk.tell)
     except HapticError as error:
         talk.say_last(f"{error.message}. {error.hint}")
         return 1
-    talk.say_last(None)
+    talk.say_last(missing)
     return 0
 
 

@@ -11,8 +11,9 @@
   `surface_hash`, `calibration_ids` (JSON), `software_version`, `actuator`, `latency_budget_s` (JSON), `started_at`
   (UTC), `started_s` (CLOCK_MONOTONIC, as every time in a recording), `wall_offset_s` and `lsl_offset_s` (what to add
   to such a time for seconds of UTC since 1970, and for LSL's clock; NaN without LSL), `samples_lost` (overwritten
-  before they were read), and `complete`: 1 when the recorder has ended in good order, 0 while it records and after its
-  crash or a full disk; `why_incomplete` says which, and is empty where nothing is missing.
+  before they were read), `events_lost`, and `complete`: 1 when the recorder has ended in good order and nothing is
+  missing, 0 while it records, after its crash or a full disk, and where something is missing; `why_incomplete` says
+  which, and is empty for a run that is complete.
 """
 
 from __future__ import annotations

@@ -161,6 +161,16 @@ def test_no_daemon(tmp_path):
     assert "haptic daemon run" in refused.value.hint
 
 
+def test_a_session_records_until_its_lease_is_over(client, control, tmp_path):
+    with client.armed() as session:
+        session.record(tmp_path / "run.h5")
+        session.record(None)
+    assert [call for call in control.calls if call[0] == "record"] == [
+        ("record", str(tmp_path / "run.h5"), session.token),
+        ("record", None, session.token),
+    ]
+
+
 def test_a_recording_is_named_by_its_whole_path(client, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     client.record(Path("run.h5"))

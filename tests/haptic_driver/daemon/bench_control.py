@@ -228,8 +228,8 @@ class BenchControl:
         self.inquiry.answer = Why(state="done", said=said, more=["tells this from that"], **found)
         return self.inquiry.answer
 
-    def record(self, path):
-        self._change("record", path)
+    def record(self, path, lease=None):
+        self._change("record", path, lease)
         self.recording = path
         return self.status()
 

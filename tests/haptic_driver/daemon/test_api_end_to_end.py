@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -129,6 +130,19 @@ def test_an_experiment_runs_stops_goes_on_and_says_what_was_felt(announced, clie
     (result,) = one_object(capsys.readouterr().out)["results"]
     assert (result["trials"], result["left_out"]) == (3, len(rows) - 3)
     assert "too few" in result["why_none"]
+
+
+def test_an_experiment_that_is_killed_leaves_no_recording_running(announced, client, tmp_path):
+    """It went on for ever, and into the next participant's session."""
+    (tmp_path / "short.toml").write_text(EXPERIMENT)
+    command = [SCRIPT, "experiment", "run", tmp_path / "short.toml", "--participant", "P2", "--out", tmp_path / "out"]
+    environment = os.environ | {"HAPTIC_SOCKET": announced["socket"]}
+    with subprocess.Popen([*command, "--record"], stdin=subprocess.PIPE, env=environment) as experiment:
+        recording = until(lambda: client.status().recording)
+        experiment.kill()
+    until(lambda: client.status().recording is None)
+    assert client.status().recording_fault is None
+    until(lambda: read_run(Path(recording)).attributes["complete"])
 
 
 def test_a_lost_client_ends_off(client):

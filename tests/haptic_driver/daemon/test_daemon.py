@@ -25,6 +25,7 @@ from haptic_driver.daemon import recordings, supervision
 from haptic_driver.daemon.messages import DaemonState, TileRequest
 from haptic_driver.daemon.set_up import latency_budget_s
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.processes.shared_memory import RING_SAMPLES
 from haptic_driver.recording.read import read_run
 from haptic_driver.simulation.lines import Lines
 from haptic_driver.surface.build import build_surface
@@ -263,6 +264,62 @@ def test_a_run_that_is_recorded_keeps_its_model(daemon, tmp_path):
     attributes = read_run(tmp_path / "run.h5").attributes
     assert attributes["model"] == "reference"
     assert attributes["calibration_ids"]["amplifier"] == "simulation, 2024-01-01"
+
+
+def recording_events(daemon, since):
+    return [event.message for event in daemon.events(since) if event.kind == "recording"]
+
+
+def test_ticks_that_a_stopped_recorder_loses_are_said_in_status_events_and_file(daemon, tmp_path):
+    """4,134 ticks were once missing from a run that said it was complete."""
+    path, since = tmp_path / "run.h5", max(event.number for event in daemon.events(0))
+    daemon.record(str(path))
+    until(lambda: read_run(path).samples.size)
+    recorder = daemon.pids["recorder"]
+    begun = daemon.shared.ring.position
+    os.kill(recorder, signal.SIGSTOP)
+    try:
+        until(lambda: daemon.shared.ring.position > begun + RING_SAMPLES + 1000)
+    finally:
+        os.kill(recorder, signal.SIGCONT)
+    fault = until(lambda: daemon.status().recording_fault)
+    assert re.match(rf"\d{{3,}} ticks are missing in {path}", fault)
+    assert daemon.status().recording == str(path)
+    assert fault in until(lambda: [said for said in recording_events(daemon, since) if "missing" in said])
+    assert fault in refusal(daemon.record, None).message
+    assert any(said == f"ended, not whole: {fault}" for said in recording_events(daemon, since))
+    run = read_run(path)
+    assert f"{run.attributes['samples_lost']:.0f} ticks are missing" in fault
+    assert (run.attributes["complete"], run.attributes["why_incomplete"]) == (False, fault[:240])
+    jump = np.diff(run.samples["tick"].astype(np.int64)).max() - 1
+    assert jump >= run.attributes["samples_lost"]
+    assert daemon.status().recording_fault is None
+
+
+def test_a_recording_ends_with_the_lease_of_who_asked_for_it(daemon, tmp_path, monkeypatch):
+    """`haptic experiment run --record` that was killed left it running for ever."""
+    monkeypatch.setattr(recordings, "AFTER_LEASE_S", 0.2)
+    since = max(event.number for event in daemon.events(0))
+    lease = daemon.arm(LEASE_S)
+    daemon.record(str(tmp_path / "run.h5"), lease.token)
+    keep_rendering(daemon, lease.token, lambda: read_run(tmp_path / "run.h5").samples.size)
+    assert daemon.status().recording is not None
+    until(lambda: daemon.status().recording is None)  # nobody renews any more
+    until(lambda: f"ended: {tmp_path / 'run.h5'}" in recording_events(daemon, since))
+    assert "ends, since the lease with which it was begun is over" in recording_events(daemon, since)
+    assert read_run(tmp_path / "run.h5").attributes["complete"] is True
+
+
+def test_a_recording_without_a_lease_goes_on_and_is_not_stopped_by_another(daemon, tmp_path, monkeypatch):
+    monkeypatch.setattr(recordings, "AFTER_LEASE_S", 0.0)
+    lease = daemon.arm(LEASE_S)
+    daemon.record(str(tmp_path / "run.h5"))
+    daemon.disarm()
+    daemon.record(None, lease.token)
+    assert daemon.status().recording == str(tmp_path / "run.h5")
+    daemon.record(None)
+    assert refusal(daemon.record, str(tmp_path / "other.h5"), lease.token).code == "not_yours"
+    assert not (tmp_path / "other.h5").exists()
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """What a recording holds, and that neither a kill nor a full disk makes it unreadable."""
 
+import errno
 import json
 import os
 import resource
@@ -52,6 +53,7 @@ def samples(rng):
     return made
 
 
+LATE = "the recorder came too late for them"
 EVENTS = [
     Event(number=4, time_s=1235.0, kind="state", message="armed – lease 0.5 s"),
     Event(number=5, time_s=1235.5, kind="target", message="friction 0.6", data={"cof": 0.6, "who": ["a", None]}),
@@ -87,15 +89,16 @@ def test_every_field_and_event_comes_back(tmp_path, header, samples):
             "rig": "bench 3", "simulated": 1.0, "model": "reference", "surface_hash": "0123abcd",
             "calibration_ids": '{"force_sensor": "FT12345 2024-03-01"}', "software_version": "0.1.0",
             "actuator": "setpoints over SCPI", "latency_budget_s": '{"sensor": 0.004, "total": 0.01}',
-            "started_s": 1234.5, "started_at": "2024-05-06T07:08:09+00:00", "samples_lost": 7.0, "complete": 1.0,
-            "why_incomplete": b"", "wall_offset_s": 1.7e9, "lsl_offset_s": 0.25,
+            "started_s": 1234.5, "started_at": "2024-05-06T07:08:09+00:00", "samples_lost": 7.0, "complete": 0.0,
+            "events_lost": 0.0, "why_incomplete": f"7 ticks are missing in {path}: {LATE}".encode(),
+            "wall_offset_s": 1.7e9, "lsl_offset_s": 0.25,
         }  # fmt: skip
     read = read_run(path)
     assert read.samples.tobytes() == samples.tobytes()
     assert read.events == EVENTS
     assert read.config == CONFIG
     assert read.attributes["calibration_ids"] == {"force_sensor": "FT12345 2024-03-01"}
-    assert read.attributes["complete"] is True
+    assert read.attributes["complete"] is False
 
 
 def test_no_attribute_is_an_integer(tmp_path, header, samples):
@@ -104,7 +107,7 @@ def test_no_attribute_is_an_integer(tmp_path, header, samples):
     with h5py.File(tmp_path / "run.h5", "r") as file:
         attributes |= dict(file.attrs)
         file.visititems(lambda name, item: attributes.update({f"{name}.{k}": v for k, v in item.attrs.items()}))
-    assert len(attributes) == 17
+    assert len(attributes) == 18
     assert {type(value) for value in attributes.values()} == {str, np.bytes_, np.float64}
 
 
@@ -240,9 +243,13 @@ def test_samples_that_came_too_fast_are_counted(tmp_path, shared, header):
     os.kill(recorder.pid, signal.SIGSTOP)
     tell_ticks(shared, 0, RING_SAMPLES + 999)
     os.kill(recorder.pid, signal.SIGCONT)
-    assert recorder.stop() is None
+    said = f"1000 ticks are missing in {tmp_path / 'run.h5'}: {LATE}"
+    assert until(lambda: recorder.news() or recorder.missing) == said  # while it goes on
+    assert recorder.stop() == said
     run = read_run(tmp_path / "run.h5")
     assert run.attributes["samples_lost"] == 1000  # one place of the ring is the writer's
+    assert run.attributes["complete"] is False
+    assert run.attributes["why_incomplete"] == said[:240]
     assert run.samples["tick"].tolist() == list(range(1000, RING_SAMPLES + 999))
 
 
@@ -284,6 +291,125 @@ def test_its_last_word_is_heard_though_it_leaves_an_event_unread(tmp_path, share
     theirs.send(b'{"why": "the disk is full"}')
     theirs.close()
     assert recorder.stop() == "the disk is full"
+
+
+def record_meanwhile(path, header, samples, meddle):
+    """A recording with whose files somebody meddles in the middle; what its writer says of it."""
+    writer = RunWriter(path, header)
+    writer.append(Chunk(samples[:500], 0, EVENTS[:1]))
+    writer.append(Chunk(samples[500:900], 0, []))
+    meddle(path)
+    for start in range(900, 1700, 200):
+        writer.append(Chunk(samples[start : start + 200], 0, EVENTS[1:] if start == 900 else []))
+    news = writer.news()
+    assert writer.close() is None
+    return news
+
+
+@pytest.mark.parametrize(
+    "meddle",
+    [
+        lambda path: path.unlink(),
+        lambda path: hidden_copy(path).unlink(),
+        lambda path: shutil.rmtree(path.parent),
+        lambda path: [path.unlink(), hidden_copy(path).unlink()],
+    ],
+    ids=["the file", "the hidden copy", "their folder", "both"],
+)
+def test_who_deletes_the_file_of_a_running_recording_loses_nothing(tmp_path, header, samples, meddle):
+    """The hidden copy was once deleted as well: all was lost, while the message said that it was kept."""
+    path = tmp_path / "folder" / "run.h5"
+    news = record_meanwhile(path, header, samples, meddle)
+    run = read_run(path)
+    assert run.samples.tobytes() == samples.tobytes()
+    assert run.events == EVENTS
+    assert run.attributes["complete"] is True
+    assert os.listdir(path.parent) == ["run.h5"]
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert all(said == f"{path} was deleted while it is recorded, and is put back, whole" for said in news)
+
+
+def test_a_deleted_file_is_told_and_put_back(tmp_path, shared, header):
+    recorder = Recorder(tmp_path / "run.h5", header, shared)
+    tell_ticks(shared, 0, 20)
+    await_samples(tmp_path / "run.h5", 20)
+    (tmp_path / "run.h5").unlink()
+    assert "was deleted while it is recorded, and is put back" in until(recorder.news)[0]
+    tell_ticks(shared, 20, 5)
+    assert recorder.stop() is None
+    assert read_run(tmp_path / "run.h5").samples["tick"].tolist() == list(range(25))
+    assert os.listdir(tmp_path) == ["run.h5"]
+
+
+def test_what_a_killed_recorder_has_left_of_a_deleted_file_is_put_back(tmp_path, shared, header):
+    path = tmp_path / "run.h5"
+    recorder = Recorder(path, header, shared)
+    tell_ticks(shared, 0, 20)
+    await_samples(path, 20)
+    os.kill(recorder.pid, signal.SIGSTOP)
+    until(lambda: Path(f"/proc/{recorder.pid}/stat").read_text().rpartition(")")[2].split()[0] == "T")
+    path.unlink()
+    os.kill(recorder.pid, signal.SIGKILL)
+    why = until(recorder.ended)
+    if path.exists():  # else it was killed while it wrote, and the message says that too
+        assert why.endswith(f"what came before is in {path}")
+        assert read_run(path).attributes["complete"] is False
+    else:
+        assert why.endswith(f"what came before is lost: somebody has deleted {path}")
+    assert os.listdir(tmp_path) in (["run.h5"], [])
+
+
+def test_another_file_in_its_place_is_left_alone_and_what_came_before_is_beside_it(tmp_path, header, samples):
+    path, mine = tmp_path / "run.h5", tmp_path / "mine"
+    writer = RunWriter(path, header)
+    writer.append(Chunk(samples[:500], 0, EVENTS))
+    mine.write_text("mine")
+    os.replace(mine, path)
+    with pytest.raises(HapticError, match="another file has taken its place") as failed:
+        writer.append(Chunk(samples[500:], 0, []))
+    assert failed.value.message.endswith(f"what came before is in {tmp_path / 'run-kept-2.h5'}")
+    assert failed.value.hint.startswith("Leave the file and its folder alone")
+    assert path.read_text() == "mine"
+    run = read_run(tmp_path / "run-kept-2.h5")
+    assert run.samples.tobytes() == samples[:500].tobytes()
+    assert "another file" in run.attributes["why_incomplete"]
+    assert sorted(os.listdir(tmp_path)) == ["run-kept-2.h5", "run.h5"]
+
+
+def test_events_that_are_missing_are_counted_whatever_their_order(tmp_path, header, samples):
+    writer = RunWriter(tmp_path / "run.h5", header)
+    numbers = [12, 11, 15, 14, 10]
+    writer.append(Chunk(samples, 0, [EVENTS[0].model_copy(update={"number": number}) for number in numbers]))
+    assert writer.close() == f"1 events are missing in {tmp_path / 'run.h5'}: {LATE}"
+    attributes = read_run(tmp_path / "run.h5").attributes
+    assert (attributes["complete"], attributes["events_lost"]) == (False, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("number", "hint"),
+    [
+        (errno.ENOSPC, "Make room on the disk"),
+        (errno.EDQUOT, "Make room on the disk"),
+        (errno.EFBIG, "Make room on the disk"),
+        (errno.EROFS, "Check the rights"),
+        (errno.EACCES, "Check the rights"),
+        (errno.ENOENT, "Leave the file and its folder alone"),
+        (errno.EIO, "Look at the disk"),
+    ],
+)
+def test_the_hint_fits_what_went_wrong(tmp_path, header, samples, monkeypatch, number, hint):
+    """It was "make room on the disk" whatever had happened."""
+
+    def refuse(*_):
+        raise OSError(number, os.strerror(number))
+
+    writer = RunWriter(tmp_path / "run.h5", header)
+    with monkeypatch.context() as meanwhile:
+        meanwhile.setattr(os, "pwrite", refuse)
+        with pytest.raises(HapticError) as failed:
+            writer.append(Chunk(samples, 0, []))
+    assert failed.value.hint.startswith(hint)
+    assert failed.value.message.endswith(f"what came before is in {tmp_path / 'run.h5'}")
 
 
 def append_for_ever(writer, chunk):

@@ -249,7 +249,10 @@ def test_a_model_is_chosen_and_a_recording_begun_and_ended(page, served, control
     text(page, "#recording", "mine.h5")
     page.click("#record button")
     text(page, "#record button", "Record")
-    assert [call for call in control.calls if call[0] == "record"] == [("record", "mine.h5"), ("record", None)]
+    assert [call for call in control.calls if call[0] == "record"] == [
+        ("record", "mine.h5", None),
+        ("record", None, None),
+    ]
 
 
 @pytest.mark.skipif(not hasattr(verbs, "MARK"), reason="this daemon takes no markers")
