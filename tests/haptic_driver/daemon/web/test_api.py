@@ -337,6 +337,7 @@ while True:
 """
 
 
+@pytest.mark.soak  # a race with an attacker: on a machine at load 18 one OFF of 20 came to nothing
 @pytest.mark.parametrize("sent", ["", "GET /status HTTP/1.1\r\nHost:"], ids=["silent", "half a request"])
 def test_off_gets_through_a_crowd_at_the_port_by_new_connections(control, tmp_path, sent):
     """A stranger opens connections as fast as it can; 20 of 20 are heard, of which once there were 5."""
