@@ -97,12 +97,13 @@ class Recordings:
             self._stopped.set()
             recorder, self._recorder = self._recorder, None
             fault, self._fault, self._asked, self._lease = self._fault, None, None, None
+            restarted = fault is not None
             if recorder is not None:
                 why = recorder.stop()
                 self._events.tell("recording", f"ended: {recorder.path}" if why is None else f"ended, not whole: {why}")
                 fault = _joined(fault, why)
         if fault is not None:
-            went_on = f"; then into {recorder.path}" if recorder is not None else ""
+            went_on = f"; then into {recorder.path}" if recorder is not None and restarted else ""
             raise HapticError("recording_failed", f"the recording is not whole: {fault}{went_on}", "look at the events")
 
     def watch(self) -> None:

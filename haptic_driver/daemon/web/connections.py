@@ -21,8 +21,6 @@ MOST_CONNECTIONS = 64  # at once, per listener
 RESERVED = 64  # more, where there is an OFF lane: for OFF alone
 HEADERS_TIMEOUT_S = 2.0
 UNREAD_S = 2.0  # so long a client may leave unread what was sent to it
-ACCEPTED_AT_ONCE = 16  # a quarter of the strangers: one that has just come is read before it is the oldest
-WAITING_CONNECTIONS = 1024  # that the system keeps until they are accepted
 OFF_THREADS = 8  # for switching off alone: it never waits for a thread that another request holds
 
 _FULL = refusal(503, HapticError("busy", f"{MOST_CONNECTIONS} connections are open", "close some; OFF is still heard"))
@@ -102,11 +100,13 @@ class Connection(DropsUnread, H11Protocol):
     """One connection: ended when the headers of a request are late, or when too many are open.
 
     With a `lane` some more may be open, and are heard for OFF alone. With a `gate` those who have not shown its token
-    are `strangers`, in the order in which they came. A new one is always heard: the oldest makes room for it.
+    are `strangers`, in the order in which they came. A new one is always heard: the oldest makes room for it. `begun`
+    is what it has said before it came here, at the door.
     """
 
     lane: ClassVar[OffLane | None] = None
     gate: ClassVar[TokenGate | None] = None
+    begun = b""
     strangers: ClassVar[dict[Connection, None]] = {}  # of each listener its own
     _late: asyncio.TimerHandle | None = None  # ends the connection; while headers are awaited
     _is_answered = _is_extra = False  # answered: nothing that it says is heard any more
@@ -121,6 +121,8 @@ class Connection(DropsUnread, H11Protocol):
                 del self.strangers[oldest]
                 oldest.transport.abort()
             self._end_later()
+            if self.begun:
+                self.data_received(self.begun)
             return
         self._is_extra = len(self.connections) > MOST_CONNECTIONS
         if len(self.connections) > MOST_CONNECTIONS + (RESERVED if self.lane else 0):

@@ -18,15 +18,10 @@ from starlette.types import ASGIApp
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.private_file import write_private
+from haptic_driver.daemon.web import connections
 from haptic_driver.daemon.web.api import PAGE, create_app
-from haptic_driver.daemon.web.connections import (
-    ACCEPTED_AT_ONCE,
-    MOST_CONNECTIONS,
-    WAITING_CONNECTIONS,
-    Connection,
-    OffLane,
-    Streamed,
-)
+from haptic_driver.daemon.web.connections import MOST_CONNECTIONS, Connection, OffLane, Streamed
+from haptic_driver.daemon.web.door import Door
 from haptic_driver.daemon.web.security import AtMost, TokenGate
 from haptic_driver.errors import HapticError
 
@@ -81,8 +76,6 @@ def _running(servers: list[tuple[uvicorn.Server, socket.socket]]) -> Iterator[No
             if not all(thread.is_alive() for thread in threads) or time.monotonic() > until_s:
                 raise HapticError("no_api", "the API could not be started", "look at the log")
             time.sleep(STARTED_POLL_S)
-        for _, listener in servers:
-            listener.listen(WAITING_CONNECTIONS)
         yield
     finally:
         for server, _ in servers:
@@ -93,14 +86,40 @@ def _running(servers: list[tuple[uvicorn.Server, socket.socket]]) -> Iterator[No
             listener.close()
 
 
+class BehindDoor(uvicorn.Server):
+    """A server to whom connections come through a `Door`."""
+
+    token: str
+    _door: Door
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Open it."""
+        assert sockets is not None
+        await super().startup([])
+        self._door = Door(sockets[0], self.token, self._made, lambda: connections.HEADERS_TIMEOUT_S)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Close it."""
+        self._door.close()
+        await super().shutdown(sockets)
+
+    def _made(self, begun: bytes) -> Connection:
+        made: Any = self.config.http_protocol_class
+        connection: Connection = made(self.config, self.server_state, self.lifespan.state)
+        connection.begun = begun
+        return connection
+
+
 def _server(app: ASGIApp, lane: OffLane | None = None, gate: TokenGate | None = None) -> uvicorn.Server:
     said: dict[str, Any] = {"lane": lane, "gate": gate, "strangers": {}}
-
-    return uvicorn.Server(
+    server: type[uvicorn.Server] = uvicorn.Server
+    if gate is not None:
+        server = type("BehindIts", (BehindDoor,), {"token": gate.token})
+    return server(
         uvicorn.Config(
             app,
             http=type("Listened", (Connection,), said),
-            backlog=ACCEPTED_AT_ONCE,
+            backlog=MOST_CONNECTIONS,  # so many are accepted in one go
             log_config=None,
             log_level="warning",
             access_log=False,  # addresses hold tokens
