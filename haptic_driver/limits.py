@@ -152,7 +152,7 @@ class WorstCase:
 
 
 def _first_forbidden(allowed_v: Array, voltage_v: Array) -> Array:
-    """The least voltage [f] beyond which something is forbidden, where each cell of voltage allows [f, v - 1]."""
+    """The voltage [f] up to which all is allowed; each cell of voltage by itself allows `allowed_v` [f, v - 1]."""
     below_v, above_v = voltage_v[:-1], voltage_v[1:]
     is_whole = np.broadcast_to(allowed_v, (allowed_v.shape[0], above_v.size)) >= above_v
     last = np.where(is_whole.all(axis=1), above_v.size - 1, np.argmin(is_whole, axis=1))
