@@ -37,7 +37,9 @@ def main(names: list[str]) -> int:
     claims: list[Claim] = []
     try:
         for name in names or [*parts][: len(PARTS)]:
-            claims.extend(parts[name].run())
+            for claim in parts[name].run():
+                print(f"{claim.what}: {claim.measured}", file=sys.stderr, flush=True)
+                claims.append(claim)
     finally:
         show(claims)
     return 0 if all(claim.holds for claim in claims) else 1

@@ -24,6 +24,7 @@ from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.messages import Status
 from haptic_driver.daemon.set_up import reach_hz, render_settings
 from haptic_driver.daemon.stepped import render_slide
+from haptic_driver.errors import HapticError
 from haptic_driver.fidelity.measure import Fidelity
 from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.fidelity.samples import (
@@ -49,6 +50,7 @@ SPEEDS_M_S = (0.020, 0.080)
 TEXTURE_S = {"simulated": 15.0, "simulated-envelope": 33.5}  # of the latter: ten minutes in all
 LEARNING_S = 5.0  # of an unknown finger, before the first texture
 LOADED_S, BUSY_LOOPS = 600.0, 4
+LOG = Path(tempfile.gettempdir(), "haptic-daemon-fidelity.log")
 BUSY = "while True: pass"
 
 
@@ -61,25 +63,46 @@ class Rendered(NamedTuple):
     switched: int
     lifts: int
 
+    @property
+    def within(self) -> float:
+        """Share of sliding time within 5 %, 0 where nothing is known."""
+        return self.fidelity.share_within_5_percent or 0.0
+
+
+Table = dict[tuple[str, str, float], Rendered]  # of rig, texture, speed; without those at fault
+
 
 def run() -> Iterator[Claim]:
     surface_of = {rig: load_rig(rig) for rig in RIGS}
-    found: dict[tuple[str, str, float], Rendered] = {}
+    found: Table = {}
+    demos: Table = {}
     for rig in RIGS:
         gaps = 0
         for speed_m_s in SPEEDS_M_S:
             with _daemon(rig, speed_m_s) as client:
                 for texture in TEXTURES:
-                    status, rendered, dry = _rendered(client, surface_of[rig], texture, TEXTURE_S[rig])
+                    try:
+                        status, rendered, dry = _rendered(client, surface_of[rig], texture, TEXTURE_S[rig])
+                    except HapticError as error:
+                        yield _faulty(client, f"{rig}, {texture} at {1e3 * speed_m_s:g} mm/s", error)
+                        continue
                     found[rig, texture, speed_m_s] = rendered
                     gaps += dry
                     demo = _demo(surface_of[rig], texture, speed_m_s)
+                    demos[rig, texture, speed_m_s] = demo
                     yield _line(rig, texture, speed_m_s, rendered, demo)
-                yield _latency(rig, speed_m_s, status)
+                    yield _latency(f"{rig}, {texture}", speed_m_s, status)
         if rig == "simulated-envelope":
             yield Claim("gaps of an envelope in ten minutes, idle", str(gaps), "at most 1", gaps <= 1)
-    yield from _promised(found)
+    yield from _promised(found, demos)
     yield _loaded()
+
+
+def _faulty(client: HapticClient, what: str, error: HapticError) -> Claim:
+    """A texture that ended in a fault; the daemon is made ready for the next."""
+    fault = client.status().fault
+    client.reset()
+    return Claim(what, fault or str(error), "no fault", holds=False)
 
 
 @contextmanager
@@ -90,7 +113,8 @@ def _daemon(rig: str, speed_m_s: float) -> Iterator[HapticClient]:
         write_slide(even_strokes(speed_m_s), slide)
         command = [str(Path(sys.executable).with_name("haptic")), "daemon", "run", "--json"]
         command += ["--rig", rig, "--socket", str(socket), "--slide", str(slide)]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        log = ending.enter_context(open(LOG, "a"))
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)
         ending.callback(process.wait)
         ending.callback(process.terminate)
         assert process.stdout is not None
@@ -152,20 +176,30 @@ def _line(rig: str, texture: str, speed_m_s: float, daemon: Rendered, demo: Rend
     return Claim(f"{rig}, {texture} at {1e3 * speed_m_s:g} mm/s", words)
 
 
-def _promised(found: dict[tuple[str, str, float], Rendered]) -> Iterator[Claim]:
-    """What issue and docs promise of the table."""
+def _promised(found: Table, demos: Table) -> Iterator[Claim]:
+    """What is promised of the table."""
     least_on = min(found.values(), key=lambda each: each.on).on
-    yield Claim("output on while sliding, least of all", _share(least_on, 1), "at least 99 %", least_on >= 0.99)
-    for rig, wanted in (("simulated-envelope", 0.90), ("simulated", None)):
-        shares = {
-            f"{texture} {1e3 * speed:g}": found[rig, texture, speed].fidelity.share_within_5_percent or 0.0
-            for texture in PROMISED
-            for speed in SPEEDS_M_S
-        }
-        least = min(shares, key=shares.__getitem__)
-        what = f"{rig}: within 5 %, least of linen, grating, ridges, braille"
-        told = f"{_share(shares[least])} ({least} mm/s)"
-        yield Claim(what, told, None if wanted is None else "at least 90 %", wanted is None or shares[least] >= wanted)
+    what = "output on while sliding, least of all"
+    yield Claim(what, _share(least_on, 1), "at least 99 %", least_on >= 0.99)
+    shares = {
+        (texture, speed): each.within
+        for (rig, texture, speed), each in found.items()
+        if rig == "simulated-envelope" and texture in PROMISED
+    }
+    texture, speed = key = min(shares, key=shares.__getitem__)
+    what = "simulated-envelope: within 5 %, least of linen, grating, ridges, braille"
+    told = f"{_share(shares[key])} ({texture} at {1e3 * speed:g} mm/s)"
+    yield Claim(what, told, "at least 90 %", shares[key] >= 0.90)
+    # What SCPI allows is what the same controller reaches in simulated time.
+    ratios = {
+        (texture, speed): found["simulated", texture, speed].within / demo.within
+        for (rig, texture, speed), demo in demos.items()
+        if rig == "simulated" and texture in PROMISED and demo.within > 0.0
+    }
+    texture, speed = key = min(ratios, key=ratios.__getitem__)
+    what = "simulated: within 5 %, of what SCPI allows (the demo), least of the same"
+    told = f"{_share(ratios[key])} ({texture} at {1e3 * speed:g} mm/s)"
+    yield Claim(what, told, "at least 95 %", ratios[key] >= 0.95)
     gains = [
         gain
         for (rig, _, _), each in found.items()

@@ -70,10 +70,10 @@ def latency_of(
     arrays differ in length.
     """
     _require_same_length(asked_cof, felt_cof)
-    lift = round(LIFT_S / tick_s)
-    asked, felt = _without_drift(asked_cof, lift), _without_drift(felt_cof, lift)
+    lift, most = round(LIFT_S / tick_s), round(SEARCH_S / tick_s)
+    answer_cof = _where_asked(asked_cof, felt_cof, lift, most)
+    asked, felt = _without_drift(asked_cof, lift), _without_drift(answer_cof, lift)
     both = np.isfinite(asked) & np.isfinite(felt)
-    most = round(SEARCH_S / tick_s)
     if np.count_nonzero(both) < 2 * most:
         return _unknown(f"less than {2.0 * SEARCH_S:g} s of sliding")
     if np.std(asked[both]) < LEAST_COF:
@@ -173,6 +173,18 @@ def _standard_error(asked: Array, felt: Array, lag: int) -> float:
     without_one = blocks.sum(axis=-1, keepdims=True) - blocks
     lags = _vertex(_pearson(*without_one))
     return float(np.hypot(np.sqrt((BLOCKS - 1) * np.var(lags)), PARABOLA_TICKS))
+
+
+def _where_asked(asked: Array, felt: Array, lift: int, most: int) -> Array:
+    """Felt friction, NaN within `most` ticks of sliding where nothing is asked for `lift` ticks.
+
+    There, as beyond a profile's end, it is the bare screen's, and its step is no lag.
+    """
+    answer = felt.copy()
+    for start, end in runs(np.isfinite(felt) & ~np.isfinite(asked)):
+        if end - start >= lift:
+            answer[max(start - most, 0) : end + most] = np.nan
+    return answer
 
 
 def _without_drift(values: Array, lift: int) -> Array:

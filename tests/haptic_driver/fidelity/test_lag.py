@@ -150,6 +150,14 @@ def test_of_cloth_there_is_no_other_lag():
     assert str(found).startswith("felt 30.")
 
 
+def test_a_step_to_the_bare_screen_is_no_lag():
+    """A ramp at 80 mm/s over a screen that it does not fill was told to lag by -44 ms."""
+    asked, felt = record(cloth, 0.080, 10.0, 0.030, 4)
+    beyond = np.mod(np.arange(asked.size), 500) < 150
+    asked[beyond], felt[np.roll(beyond, 40)] = np.nan, 0.2
+    assert latency_of(asked, felt, TICK_S, 0.030).lag_s == pytest.approx(0.030, abs=0.3e-3)
+
+
 def unknown(asked, felt):
     found = latency_of(asked, felt, TICK_S)
     assert (found.lag_s, found.error_s, found.correlation, found.others_s) == (None,) * 3 + ([],)
