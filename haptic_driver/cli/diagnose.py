@@ -25,11 +25,11 @@ from haptic_driver.rig.config import load_rig
 from haptic_driver.surface.models import load_model
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
-from model.diagnosis.naming import APART
-from model.diagnosis.report import write_report
-from model.diagnosis.resolution import Resolution, resolution
 from model.diagnosis.workflow import diagnose as run
 from model.effects.learned import LEARNED
+from model.planning.resolution import Resolution, resolution
+from model.planning.separation import APART
+from model.reporting.report import write_report
 from model.touch import SPEED_REFERENCE_M_S
 from model.touch_model import TouchModel
 

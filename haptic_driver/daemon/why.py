@@ -112,9 +112,9 @@ def answer(model: str, folder: Path) -> dict[str, Any]:
     """The fields of `Why` that come of it."""
     # slow to import, and control does without
     from model.diagnosis.data import read_measurements  # noqa: PLC0415
-    from model.diagnosis.page import sentence  # noqa: PLC0415
-    from model.diagnosis.report import write_report  # noqa: PLC0415
     from model.diagnosis.workflow import diagnose  # noqa: PLC0415
+    from model.reporting.page import sentence  # noqa: PLC0415
+    from model.reporting.report import write_report  # noqa: PLC0415
 
     try:
         description = load_model(model)

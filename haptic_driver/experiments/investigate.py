@@ -24,12 +24,13 @@ from haptic_driver.rig.config import RigConfig
 from haptic_driver.simulation.finger_function import FingerFunction
 from model.description import ModelDescription
 from model.diagnosis.data import read_measurements, together
-from model.diagnosis.design import Design, design, design_for_unseen
-from model.diagnosis.naming import ALIKE, APART, SURE, near_nats, words
-from model.diagnosis.report import write_report
-from model.diagnosis.separation import Choice
+from model.diagnosis.priors import LOG_ODDS, SURE, words
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects.interventions import BY_INTERVENTION, NOTHING
+from model.planning.design import Design, design, design_for_unseen
+from model.planning.separation import APART
+from model.planning.told import Choice
+from model.reporting.report import write_report
 from model.touch_model import TouchModel
 
 MOST_BLOCKS = 10  # of a later one
@@ -141,7 +142,7 @@ def _at_the_end(diagnosis: Diagnosis) -> str:
 
 
 def _untested(diagnosis: Diagnosis) -> list[str]:
-    return diagnosis.findings.weighed.untestable if diagnosis.findings else []
+    return list(diagnosis.findings.hypotheses.untestable) if diagnosis.findings else []
 
 
 def _is_answered(asked: str, now: str) -> bool:
@@ -238,9 +239,9 @@ def _can_be_told(diagnosis: Diagnosis, rival: str, reach: float) -> bool:
     `reach`: the chi^2 that everything left would add; half of it in evidence.
     """
     assert diagnosis.findings is not None
-    leader, singles = diagnosis.findings.verdict.chosen, diagnosis.findings.weighed.singles
-    behind = leader.alone.log_evidence - max(c.alone.log_evidence for c in singles if c.name == rival)
-    return reach >= ALIKE or (len(leader.kinds) == 1 and behind + 0.5 * reach >= near_nats(diagnosis.data))
+    leader, found = diagnosis.findings.verdict.chosen, diagnosis.findings.hypotheses
+    behind = leader.alone.log_evidence - found.of((rival,)).alone.log_evidence
+    return (behind if len(leader.kinds) == 1 else 0.0) + 0.5 * reach >= LOG_ODDS
 
 
 def _is_sure_of_some(diagnosis: Diagnosis) -> bool:

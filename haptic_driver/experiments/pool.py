@@ -11,9 +11,9 @@ from haptic_driver.experiments.check import check, resolved
 from haptic_driver.experiments.plan import Plan, Setting, Sweep
 from haptic_driver.rig.config import RigConfig
 from model.diagnosis.data import Measurements, stacked
-from model.diagnosis.design import Pool
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, VOLTAGE, VOLTAGE_PHASE
 from model.effects.interventions import INTERVENTIONS, NOTHING
+from model.planning.design import Pool
 from model.support.arrays import Array, Mask
 from model.touch import SPEED_REFERENCE_M_S
 from model.touch_model import TouchModel

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from haptic_driver.pictures.files import pyplot, saved
 from haptic_driver.signals import Array
-from model.diagnosis.naming import APART
+from model.planning.separation import APART
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from model.analysis.calibration import Calibration
     from model.analysis.sensitivity import Sensitivity
     from model.analysis.spectra import ForceSpectrum, Steepness
-    from model.diagnosis.resolution import Resolution
+    from model.planning.resolution import Resolution
 
 MODEL, DATA, QUIET = "#1b6ca8", "#d1495b", "#9aa0a6"
 COLOURS = ("#1b6ca8", "#d1495b", "#e08e0b", "#5b8c5a", "#6a4c93", "#3a3a3a")

@@ -18,12 +18,12 @@ from scipy.special import ndtri
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.model_file import dielectric_entry, fitted_effects, fitted_nuisances, model_text, program
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.space import FINGER, GAP_OFFSET, Nuisance, Predictor
 from model.diagnosis.witness import FRICTION
 from model.effects import Effect
 from model.parameters import SPECIFICATION, Parameter
+from model.reporting.model_file import dielectric_entry, fitted_effects, fitted_nuisances, model_text, program
 from model.support.arrays import Array
 from model.support.errors import ModelError, nearest
 

@@ -18,22 +18,21 @@ from scipy.special import logsumexp
 
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
+from model.diagnosis.evidence import evidence, log_marginal
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.naming import Candidate, candidate
+from model.diagnosis.hypotheses import Candidate, candidate
+from model.diagnosis.priors import LOG_ODDS, SURE
 from model.diagnosis.proof import Proof, Selected, held_out
-from model.diagnosis.rival import evidence, log_marginal
 from model.effects.learned import LEARNED, LOG_INPUTS, QUANTITIES, SHAPES, LearnedForm, Term, learned_kind, scaled
 from model.support.arrays import Array, Mask
 from model.touch import Drive
 
 AMPLITUDES = (0.02, 0.06, 0.2, 0.6, 1.5)  # of log(quantity)
-ANOTHER_TERM_NATS = 3.0  # that one more term must be worth
 MOST_TERMS = 3
 MOST_NODES = {"frequency_hz": (12, 7)}  # alone, and in a pair; of every other input:
 OTHERS = (6, 4)
 GRID = 50  # parts of an input's span within which settings count as the same
 STEP = 1e-3
-ALIKE = 0.95  # of the probability, held by the places that are not told apart
 # The finger's own form is not quite the model's, and a term at a wrong place may take to that as well: a fiftieth of
 # what is explained says nothing about the place. Pilot sets (seed 7401): without this a wrong place was given 0.97.
 FORM_ERROR = 0.02
@@ -157,8 +156,8 @@ def _places(logs: Mapping[str, float]) -> dict[str, float]:
 
 
 def _alike(places: Mapping[str, float]) -> tuple[str, ...]:
-    """The fewest places that hold `ALIKE` of the probability."""
-    enough = int(np.searchsorted(np.cumsum(list(places.values())), ALIKE))
+    """The fewest places that hold SURE of the probability."""
+    enough = int(np.searchsorted(np.cumsum(list(places.values())), SURE))
     return tuple(places)[: enough + 1]
 
 
@@ -185,7 +184,7 @@ def _path(problem: Problem, base: Fit, acts_on: str) -> list[_Tried]:
         wanted = max(scores, key=lambda term: scores[term])
         kept = tuple(term for term in before if not set(term.inputs) <= set(wanted.inputs))
         tried = _fitted(problem, base, replace(empty, terms=(*kept, wanted)))
-        if tried.log_evidence - least < ANOTHER_TERM_NATS:
+        if tried.log_evidence - least < LOG_ODDS:
             break
         path.append(tried)
         at, least = tried.fit, tried.log_evidence

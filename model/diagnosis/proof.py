@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
+from model.diagnosis.evidence import evidence
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.naming import Candidate
+from model.diagnosis.hypotheses import Candidate
 from model.diagnosis.noise import Noise, noise_of
-from model.diagnosis.rival import evidence
+from model.diagnosis.priors import LOG_PRIOR_EACH
 from model.diagnosis.space import Predictor, nuisances
 from model.effects import Effect
 from model.support.arrays import Array
@@ -68,7 +69,7 @@ def prove(
 
     def select(problem: Problem, _: Fit) -> list[Selected]:
         fits = [problem.fit(c.kinds, c.fit.vector) for c in contenders]
-        scores = [evidence(f, problem.noise).log_evidence - 3.0 * len(f.kinds) for f in fits]
+        scores = [evidence(f, problem.noise).log_evidence + LOG_PRIOR_EACH * len(f.kinds) for f in fits]
         best = fits[int(np.argmax(scores))]
         return [Selected(best, best.kinds == chosen.kinds)]
 

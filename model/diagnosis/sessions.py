@@ -9,9 +9,9 @@ import numpy as np
 from scipy.special import fdtrc, logsumexp
 
 from model.diagnosis.data import Measurements
+from model.diagnosis.evidence import log_marginal
 from model.diagnosis.fit import Fit
 from model.diagnosis.noise import Noise
-from model.diagnosis.rival import log_marginal
 from model.diagnosis.smooth import AMPLITUDES
 from model.support.arrays import Array, Mask
 

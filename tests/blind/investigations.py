@@ -29,9 +29,9 @@ from haptic_driver.experiments.run import prepare
 from haptic_driver.rig.config import load_rig
 from haptic_driver.simulation.finger_function import FingerFunction
 from haptic_driver.surface.models import load_model
-from model.diagnosis.design import Design, design, design_for_unseen
-from model.diagnosis.separation import Choice
 from model.diagnosis.witness import LEAST_STD
+from model.planning.design import Design, design, design_for_unseen
+from model.planning.told import Choice
 from model.touch_model import TouchModel
 from tests.reports import without_pictures
 

@@ -198,7 +198,7 @@ def test_without_noise_nothing_can_be_tested(tmp_path, capsys) -> None:
 def test_a_plan_is_judged_before_it_is_measured(tmp_path, capsys, monkeypatch):
     """By some effects of the catalogue, every two of which are compared; the next test asks them all."""
     few = [BY_NAME[name] for name in ("series_resistance", "amplifier_bandwidth", "humid_gap_conduction", "sweat_film")]
-    monkeypatch.setattr("model.diagnosis.resolution.testable_effects", lambda data, on: few)
+    monkeypatch.setattr("model.planning.resolution.testable_effects", lambda data, on: few)
     plan = tmp_path / "small.toml"
     plan.write_text(
         'name = "small"\nfrequency_hz = [20.0, 250.0]\nvoltage_v = [75.0, 110.0]\n'

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 
 from model.diagnosis.fit import Problem
-from model.diagnosis.force_sensor import force_sensor_evidence
-from model.diagnosis.naming import STARTS, SURE, candidate
+from model.diagnosis.hypotheses import STARTS, candidate, force_sensor
+from model.diagnosis.priors import LOG_ODDS
 from model.effects import BY_NAME
 
 from .problems import read_rows
 
 LOAD = BY_NAME["load_dependent_friction"]
 NOISE = 0.01
-CERTAIN_NATS = np.log(SURE / (1.0 - SURE))  # of two with the same prior
 HEADER = "frequency_hz,voltage_v,normal_force_n,cof,cof_std"
 
 
@@ -37,7 +36,7 @@ def gains(problem: Problem) -> tuple[float, float]:
     base = candidate(problem, (), base_fit)
     law = candidate(problem, (LOAD,), problem.best_fit((LOAD,), base_fit.vector, STARTS))
     nothing = base.alone.log_evidence
-    return force_sensor_evidence(problem, base) - nothing, law.alone.log_evidence - nothing
+    return force_sensor(problem, base) - nothing, law.alone.log_evidence - nothing
 
 
 @pytest.mark.parametrize(("zero_n", "share"), [(0.05, 0.0), (-0.05, 0.0), (-0.06, 0.12), (0.06, -0.12)])
@@ -45,14 +44,14 @@ def test_the_sensor_is_certain_where_it_does_it(tmp_path: Path, zero_n: float, s
     """Three of 640 blind sets were called friction that depends on load, with 0.95 to 0.99."""
     sensor, law = gains(read(tmp_path, (0.25, 0.5, 1.0), zero_n, share))
     assert law > 50.0
-    assert sensor - law > CERTAIN_NATS
+    assert sensor - law > LOG_ODDS
 
 
 @pytest.mark.parametrize("strength", [-1.0, 0.5, 1.0])
 def test_the_law_is_certain_where_it_is_there(tmp_path: Path, strength: float) -> None:
     sensor, law = gains(read(tmp_path, (0.25, 0.5, 1.0), law=strength))
     assert sensor > 30.0
-    assert law - sensor > CERTAIN_NATS
+    assert law - sensor > LOG_ODDS
 
 
 def test_it_is_not_worth_its_numbers_where_it_does_nothing(tmp_path: Path) -> None:
@@ -64,4 +63,4 @@ def test_it_is_not_worth_its_numbers_where_it_does_nothing(tmp_path: Path) -> No
 def test_one_load_says_nothing_of_it(tmp_path: Path) -> None:
     problem = read(tmp_path, (0.5,), zero_n=0.05)
     base = candidate(problem, (), problem.fit((), np.zeros(len(problem.predictor.free))))
-    assert force_sensor_evidence(problem, base) == -np.inf
+    assert force_sensor(problem, base) == -np.inf

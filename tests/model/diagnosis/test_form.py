@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from model.diagnosis.evidence import evidence, evidence_beside
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.form import form_terms
-from model.diagnosis.naming import STARTS, WORTH_REFITTING, candidate, with_one_more
-from model.diagnosis.rival import evidence, evidence_beside
+from model.diagnosis.hypotheses import STARTS, WORTH_REFITTING, candidate, with_one_more
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE
 from model.effects import BY_NAME
 from model.support.arrays import Array

@@ -17,14 +17,14 @@ from model.conditions import Conditions
 from model.description import ModelDescription, read_model
 from model.diagnosis.data import Measurements, read_measurements
 from model.diagnosis.fit import Problem
+from model.diagnosis.hypotheses import Candidate, candidate
 from model.diagnosis.learned import LearnedTerm, learn
-from model.diagnosis.naming import Candidate, candidate
 from model.diagnosis.noise import noise_of
-from model.diagnosis.report import write_report
 from model.diagnosis.space import Predictor
 from model.diagnosis.workflow import diagnose
 from model.effects import Effect
 from model.effects.learned import learned_kind
+from model.reporting.report import write_report
 from model.touch_model import TouchModel
 from tests.reports import without_pictures
 

@@ -9,10 +9,10 @@ import pytest
 from model.conditions import Conditions
 from model.description import read_model
 from model.diagnosis.data import Measurements, read_measurements
+from model.diagnosis.evidence import evidence_beside
 from model.diagnosis.fit import Problem
-from model.diagnosis.naming import Candidate, candidate, fit_candidates
+from model.diagnosis.hypotheses import Candidate, candidate, fit_candidates
 from model.diagnosis.noise import noise_of
-from model.diagnosis.rival import evidence_beside
 from model.diagnosis.smooth import compressed, discrepancy_terms
 from model.diagnosis.space import Predictor
 from model.diagnosis.witness import FRICTION

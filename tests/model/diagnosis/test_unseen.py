@@ -8,9 +8,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from model.diagnosis.naming import NO_TRACE, PRIOR_EFFECTS, PRIOR_NONE, UNKNOWN, unseen
+from model.diagnosis.hypotheses import NO_TRACE, unseen
 from model.diagnosis.space import FARTHEST
-from model.diagnosis.weighing import Weighed
 from model.effects import BY_NAME
 
 EFFECT = BY_NAME["drive_gain_error"]  # of one parameter
@@ -53,24 +52,3 @@ def test_a_parameter_at_its_end_takes_nothing_up() -> None:
     left = -0.5 * signature  # of what the parameter would explain beyond its end
     inside, outside = (evidence_of_the_unseen(signature, left, 10.0 * signature, at) for at in (0.0, -FARTHEST))
     assert outside < 0.0 < inside
-
-
-def candidate(name: str, log_evidence: float) -> Any:
-    evidence = SimpleNamespace(log_evidence=log_evidence, rough=-500.0)
-    return SimpleNamespace(name=name, alone=evidence, beside_discrepancy=SimpleNamespace(log_evidence=-500.0))
-
-
-def test_an_effect_that_leaves_no_trace_counts_as_none() -> None:
-    """Twenty effects of which the data say nothing would share 0.44 with none; half of each is unseen here."""
-    base, singles = candidate("none", 0.0), [candidate(f"effect {i}", 0.0) for i in range(20)]
-    plain = Weighed(base, singles, []).probabilities
-    assert plain["none"] == pytest.approx(PRIOR_NONE / (PRIOR_NONE + PRIOR_EFFECTS))
-    weighed = Weighed(base, singles, [], {c.name: np.log(0.5) for c in singles}).probabilities
-    assert weighed["none"] == pytest.approx((PRIOR_NONE + 0.5 * PRIOR_EFFECTS) / (PRIOR_NONE + PRIOR_EFFECTS))
-    assert weighed["effect 3"] == pytest.approx(0.5 * plain["effect 3"])
-    assert weighed[UNKNOWN] < 1e-12
-
-
-def test_a_strong_effect_loses_nothing() -> None:
-    base, strong = candidate("none", 0.0), candidate("effect", 50.0)
-    assert Weighed(base, [strong], [], {"effect": np.log(0.5)}).probabilities["effect"] > 1.0 - 1e-12

@@ -12,12 +12,12 @@ from model.description import ModelDescription, read_model
 from model.diagnosis.data import Measurements, read_measurements, together
 from model.diagnosis.fit import Problem
 from model.diagnosis.noise import noise_of
-from model.diagnosis.report import write_report
 from model.diagnosis.space import AREA, NUISANCES, OPEN, REST, STRAY, Predictor, nuisances
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, VOLTAGE, VOLTAGE_PHASE, WITNESSES
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects import BY_NAME
 from model.parameters import Parameter
+from model.reporting.report import write_report
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
 
@@ -311,7 +311,7 @@ def names(found: Diagnosis) -> list[str]:
 def test_nothing_hidden_but_leads(diagnosed) -> None:
     found, _ = diagnosed("null", 1)
     assert found.name == "no_discrepancy"
-    free, fit = found.findings.problem.predictor.free, found.findings.weighed.base.fit
+    free, fit = found.findings.problem.predictor.free, found.findings.hypotheses.base.fit
     i = free.index(STRAY)
     farads = STRAY.value(0.0, fit.vector[i])
     assert farads == pytest.approx(STRAY_F, rel=0.05)  # the monitor's gain: 3 %

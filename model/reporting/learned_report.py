@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from model.diagnosis.learned import LearnedTerm
-from model.diagnosis.model_file import fitted_effects
 from model.effects.learned import LEARNED, LOG_INPUTS, NEEDED, QUANTITIES, UNITS, LearnedForm, middle
 from model.parameters import Parameter
+from model.reporting.model_file import fitted_effects
 
 SHORT = {"frequency_hz": "f", "voltage_v": "V", "normal_force_n": "N", "speed_m_s": "v", "time_s": "t"}
 

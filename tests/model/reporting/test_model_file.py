@@ -11,20 +11,20 @@ import pytest
 
 from model.description import ModelDescription, read_model
 from model.diagnosis.data import Array, Measurements
+from model.diagnosis.decide import Decision, Verdict
+from model.diagnosis.evidence import Evidence
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.model_file import fitted_effects, fitted_nuisances, write_model
-from model.diagnosis.naming import Candidate
+from model.diagnosis.hypotheses import Candidate, Hypotheses
 from model.diagnosis.noise import Noise
+from model.diagnosis.posterior import Posterior
 from model.diagnosis.proof import Proof
-from model.diagnosis.rival import Evidence
 from model.diagnosis.space import FINGER, NUISANCES, Predictor
-from model.diagnosis.verdict import Verdict
-from model.diagnosis.weighing import Weighed
 from model.diagnosis.where import Disagreement
 from model.diagnosis.workflow import Diagnosis, Findings
 from model.effects import BY_NAME, Effect
 from model.electric.dielectrics import GABRIEL_WET, ColeCole, Dielectric, PowerLaw, Tabulated
 from model.parameters import Parameter
+from model.reporting.model_file import fitted_effects, fitted_nuisances, write_model
 from model.support.errors import ModelError
 
 REFERENCE = Path(__file__).parents[3] / "configs" / "models" / "reference.toml"
@@ -54,16 +54,16 @@ def diagnosis(verdict: str | None, *names: str) -> Diagnosis:
         return Candidate(kinds, at, Evidence(5.0, 1.0, 0.0), at, np.zeros((1, 0)), lambda: Evidence(4.0, 1.0, 0.0))
 
     kinds = tuple(BY_NAME[name] for name in names)
-    probabilities = {"none": 0.01, "unknown": 0.01} | {name: 0.98 / len(names) for name in names}
     base, chosen = found(()), found(kinds)
     data, findings = measurements(), None
     if verdict is not None:
-        reached = Verdict(verdict, True, chosen, probabilities, {n: [] for n in names}, ("why",))
+        decision = Decision(verdict, names, {n: [] for n in names}, 0.98, "why")
+        reached = Verdict(decision, Posterior({names: 0.98}, {}, ()), chosen, True)
         scan, nothing = Disagreement((), 1.0, 1.0, 0.0), np.empty(0)
         proof = Proof("block", (), nothing, nothing, 0.0, (0.0, 0.0), 0.0)
         noise = Noise(np.ones(3), np.eye(3), 6.0, "cof_std", 0, 0.0, np.ones(3))
         problem = Problem(Predictor(read_model(REFERENCE), data), np.zeros(3), noise)
-        findings = Findings(problem, Weighed(base, [], []), reached, scan, scan, proof)
+        findings = Findings(problem, Hypotheses(base, [], [], (), {}, {}), reached, scan, scan, proof)
     return Diagnosis(data, None, findings, (), 7)
 
 

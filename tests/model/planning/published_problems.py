@@ -17,8 +17,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.special import exp1
 
-from model.diagnosis.naming import APART
-from model.diagnosis.separation import Pair, by_block, choose, nothing, weights
+from model.planning.separation import APART
+from model.planning.told import Pair, by_block, choose, nothing, weights
 from model.support.arrays import Array
 
 STEP = 1e-5  # of finite differences, in prior standard deviations
@@ -115,7 +115,7 @@ def probabilities(fits: Sequence[Fit]) -> Array:
 
 
 def next_point(problem: Problem, points: Array, fits: Sequence[Fit], least: float) -> int | None:
-    """The grid's point that the score chooses, as `model.diagnosis.design` asks it; None where none adds `least`.
+    """The grid's point that the score chooses, as `model.planning.design` asks it; None where none adds `least`.
 
     Beside the likeliest rival, each other one is what it would be if the data were what the likeliest says they are.
     """

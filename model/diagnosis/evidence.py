@@ -14,7 +14,6 @@ from model.diagnosis.smooth import AMPLITUDES
 from model.support.arrays import Array
 
 FORM_ERRORS = (0.025, 0.05, 0.1), (0.05, 0.1, 0.2)  # of an effect's signature, or strength, that its form may be off
-ROUGH = (0.2, 0.4)  # and what would have to be off for a discrepancy of unknown shape to look like one
 EXACT = 0.25  # prior of a form that is the catalogue's
 ROUNDING = 1e-11  # of squared singular values, as a share of the largest
 LEAST_CHI2 = 1e-6  # of a signature: fainter ones are rounding
@@ -26,7 +25,7 @@ class Evidence:
     """log evidence, with the noise scale and any discrepancy amplitude integrated out, and where it lies.
 
     `bend`: share that a model's form is off, in the way of that number, and `at_bend` the log evidence with that alone;
-    `rough`: log evidence with a form far off, `exact` with none that is off.
+    `exact`: log evidence with a form that is not off.
     """
 
     log_evidence: float
@@ -36,8 +35,12 @@ class Evidence:
     bend: float = 0.0
     way: int = 0
     at_bend: float = np.inf
-    rough: float = -np.inf
     exact: float = np.inf
+
+    @property
+    def exact_share(self) -> float:
+        """Probability of a form that is not off, beside those that are."""
+        return float(np.exp(min(np.log(EXACT) + self.exact - self.log_evidence, 0.0)))
 
 
 def evidence(fit: Fit, noise: Noise, forms: Sequence[Array] = ()) -> Evidence:
@@ -58,9 +61,8 @@ def evidence(fit: Fit, noise: Noise, forms: Sequence[Array] = ()) -> Evidence:
 
     off = np.array([by_bend(form, errors) for form, errors in zip(forms, FORM_ERRORS, strict=False)])
     each = logsumexp(off, axis=2)
-    rough = _mean(logsumexp(by_bend(forms[0], ROUGH), axis=1))  # in what is unknown, witnesses need not agree
     total = float(np.logaddexp(np.log(EXACT) + exact, np.log1p(-EXACT) + _mean(each)))
-    found = Evidence(total, scale, 0.0, at_bend=exact, rough=rough, exact=exact)
+    found = Evidence(total, scale, 0.0, at_bend=exact, exact=exact)
     if each.max() <= exact:
         return found
     way, bend = np.unravel_index(np.argmax(each), each.shape)
@@ -115,13 +117,6 @@ def _by_scale(target: Array, spread: Array, noise: Noise) -> Array:
     half = 0.5 * noise.degrees
     log_prior = half * np.log(half) - gammaln(half) - 2.0 * half * np.log(SCALES) - half / SCALES**2
     return np.asarray(log_likelihood + log_prior + np.log(2.0 * np.log(SCALES[1] / SCALES[0])))
-
-
-def discrepancy_mean(fit: Fit, found: Evidence, discrepancy: list[Array]) -> Array:
-    """The discrepancy that the catch-all sees beside a fitted model, whitened [n]: its posterior mean."""
-    _, spread, weights = _posterior(fit, found.scale, found.amplitude * discrepancy[found.term])
-    k = fit.vector.size
-    return np.asarray(spread[:, k:] @ weights[k:])
 
 
 def remaining(fit: Fit, scale: float, loose: Array) -> Array:

@@ -9,7 +9,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from model.diagnosis.naming import words
+from model.diagnosis.priors import words
 from model.diagnosis.where import ALARM, DRAWS
 from model.diagnosis.witness import BY_COLUMN
 from model.effects.learned import LEARNED

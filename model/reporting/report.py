@@ -13,18 +13,18 @@ import scipy
 
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
-from model.diagnosis.learned_report import learned_record
-from model.diagnosis.model_file import fitted_effects, fitted_nuisances, program, write_model
-from model.diagnosis.naming import NONE, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN
-from model.diagnosis.next_experiment import next_experiments
-from model.diagnosis.page import write_html
-from model.diagnosis.pictures import leaders, pictures
+from model.diagnosis.priors import NONE, PRIOR_EFFECTS, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN
 from model.diagnosis.proof import prove
 from model.diagnosis.where import Disagreement, Region
 from model.diagnosis.witness import WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
 from model.effects import BY_NAME, CATALOGUE
 from model.parameters import Parameter
+from model.planning.next_experiment import next_experiments
+from model.reporting.learned_report import learned_record
+from model.reporting.model_file import fitted_effects, fitted_nuisances, program, write_model
+from model.reporting.page import write_html
+from model.reporting.pictures import leaders, pictures
 from model.support.arrays import Array
 
 Record = dict[str, Any]
@@ -72,7 +72,7 @@ def report(diagnosis: Diagnosis, description: ModelDescription, model_path: str)
 
 def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription) -> Record:
     """What a report says only where something was fitted."""
-    verdict, base, proof, rows = found.verdict, found.weighed.base, found.proof, diagnosis.data.count
+    verdict, base, proof, rows = found.verdict, found.hypotheses.base, found.proof, diagnosis.data.count
     on = {effect.name for effect in description.effects}
     effects = fitted_effects(found.chosen.fit) if found.adds_effects else {}
     return {
@@ -80,7 +80,7 @@ def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription
         "effects": [
             {
                 "name": name,
-                "probability": verdict.presence(name),
+                "probability": verdict.posterior.inclusion.get(name, verdict.probability),
                 "parameters": {key: _number(p) for key, p in values.items()},
                 "indistinguishable_from": verdict.group.get(name, []),
             }
@@ -94,7 +94,7 @@ def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription
             "gap_closed_interval": proof.interval,
         },
         "probability": verdict.probability,
-        "reasons": verdict.reasons,
+        "reasons": [verdict.reason],
         "warnings": diagnosis.warnings,
         "tests": {"before": _tests(found.before), "after": _tests(found.after)},
         "parameters": _parameters(found, description),
@@ -103,7 +103,7 @@ def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription
         "held_out": _held_out(diagnosis, found, description),
         "not_tested": [
             {"name": n, "why": "already in the model" if n in on else f"needs {', '.join(BY_NAME[n].needs)}, varied"}
-            for n in found.weighed.untestable
+            for n in found.hypotheses.untestable
         ],
         "next_experiments": next_experiments(diagnosis, description),
         "checks": {name: BY_NAME[name].check for name in verdict.suspects},
@@ -128,10 +128,10 @@ def _number(parameter: Parameter) -> Record:
 def _alternatives(diagnosis: Diagnosis) -> list[Record]:
     """Every candidate, none and unknown; their priors where nothing could be tested."""
     if diagnosis.findings is None:
-        each = (1.0 - PRIOR_NONE - PRIOR_UNKNOWN) / len(CATALOGUE)
+        each = PRIOR_EFFECTS / len(CATALOGUE)
         known = {NONE: PRIOR_NONE, UNKNOWN: PRIOR_UNKNOWN} | {kind.name: each for kind in CATALOGUE}
     else:
-        known = diagnosis.findings.verdict.probabilities
+        known = diagnosis.findings.verdict.posterior.shares
     total = math.fsum(known.values())
     ranked = sorted(known.items(), key=lambda item: -item[1])
     return [{"name": name, "probability": value / total} for name, value in ranked]
@@ -186,7 +186,7 @@ def _tests(scan: Disagreement) -> Record:
 def _parameters(found: Findings, description: ModelDescription) -> list[Record]:
     """The finger's parameters: in the input model, fitted without and with the effects; drift in prior sd."""
     free = found.problem.predictor.free
-    fits = {"before": found.weighed.base.fit, "after": found.chosen.fit}
+    fits = {"before": found.hypotheses.base.fit, "after": found.chosen.fit}
     fitted = {when: fitted_nuisances(description, fit, free) for when, fit in fits.items()}
     return [
         {
@@ -201,11 +201,11 @@ def _parameters(found: Findings, description: ModelDescription) -> list[Record]:
 
 def _candidates(found: Findings, rows: int) -> list[Record]:
     """The base model, the chosen one and the best of the rest, with what their fits say."""
-    base = found.weighed.base
+    base = found.hypotheses.base
     return [
         {
             "name": c.name,
-            "probability": found.verdict.probabilities.get(c.name),
+            "probability": found.verdict.posterior.hypotheses.get(c.names),
             "log_evidence_gain": c.alone.log_evidence - base.alone.log_evidence,
             "unknown_beside_it": c.beside_discrepancy.log_evidence - c.alone.log_evidence,
             "chi2_per_point": c.fit.chi2 / rows,
@@ -232,7 +232,7 @@ def _held_out(diagnosis: Diagnosis, found: Findings, description: ModelDescripti
 
 def _best_rival(diagnosis: Diagnosis, found: Findings, description: ModelDescription) -> Record | None:
     """The most probable effect that is not suspected, through the same folds in the noise that the chosen leaves."""
-    others = [c for c in found.weighed.singles if c.name not in found.verdict.suspects]
+    others = [c for c in found.hypotheses.singles if c.name not in found.verdict.suspects]
     if not found.chosen.kinds or not others:
         return None
     rival = max(others, key=lambda c: c.alone.log_evidence)

@@ -12,8 +12,8 @@ from haptic_driver.experiments.resolving import ways
 from haptic_driver.rig.config import load_rig
 from haptic_driver.surface.models import load_model
 from model.diagnosis.data import Measurements
-from model.diagnosis.resolution import Resolution, resolution
 from model.effects import BY_NAME
+from model.planning.resolution import Resolution, resolution
 from model.touch_model import TouchModel
 
 SETTINGS = tuple(Setting(f, v, 0.5, 0.02) for f in (20.0, 100.0, 250.0) for v in (50.0, 75.0, 110.0))
@@ -32,7 +32,7 @@ def sets(cof_std: float) -> dict[str, Measurements]:
 def few() -> Iterator[None]:
     """Every two are compared: some of the catalogue, from every stage, stand for it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("model.diagnosis.resolution.testable_effects", lambda data, on: [BY_NAME[name] for name in FEW])
+        patch.setattr("model.planning.resolution.testable_effects", lambda data, on: [BY_NAME[name] for name in FEW])
         yield
 
 

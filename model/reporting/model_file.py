@@ -190,7 +190,11 @@ def _origin(diagnosis: Diagnosis, description: ModelDescription, source_name: st
         "parent_hash": description.content_hash,
     }
     if diagnosis.findings is not None:
-        verdict, base, chosen = diagnosis.findings.verdict, diagnosis.findings.weighed.base, diagnosis.findings.chosen
+        verdict, base, chosen = (
+            diagnosis.findings.verdict,
+            diagnosis.findings.hypotheses.base,
+            diagnosis.findings.chosen,
+        )
         origin["probability"] = verdict.probability
         origin["log_evidence"] = float(chosen.alone.log_evidence)
         origin["log_evidence_gain"] = float(chosen.alone.log_evidence - base.alone.log_evidence)

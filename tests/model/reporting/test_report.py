@@ -17,11 +17,11 @@ import pytest
 from model.conditions import Conditions
 from model.description import ModelDescription, read_model
 from model.diagnosis.data import Array, read_measurements
-from model.diagnosis.page import sentence
-from model.diagnosis.report import report, write_report
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects import BY_NAME
 from model.parameters import Parameter
+from model.reporting.page import sentence
+from model.reporting.report import report, write_report
 from model.touch_model import TouchModel
 from tests.reports import without_pictures
 

@@ -8,7 +8,7 @@ import matplotlib as mpl
 import numpy as np
 
 from model.diagnosis.data import Measurements
-from model.diagnosis.naming import words
+from model.diagnosis.priors import words
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE
 from model.diagnosis.workflow import Findings
 from model.support.arrays import Array, Mask
@@ -37,7 +37,7 @@ def spectrum(data: Measurements, found: Findings) -> Figure | None:
     if min(size.sum(), phase.sum()) < FEWEST or np.unique(data.columns["frequency_hz"][size]).size < FEWEST:
         return None
     figure, (bode, angle, nyquist) = plt.subplots(1, 3, figsize=(13.0, 4.2), layout="constrained")
-    base, chosen = found.weighed.base, found.chosen
+    base, chosen = found.hypotheses.base, found.chosen
     shown = [(Look("measured", "", DATA), found.problem.observed)]
     models = [(Look("model as given", "--", BEFORE), base)]
     models += [(Look(f"with {words(chosen.name)}", "-", AFTER), chosen)] if chosen.kinds else []

@@ -14,10 +14,12 @@ import numpy as np
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.naming import APART, NONE, STARTS, testable_effects
+from model.diagnosis.hypotheses import STARTS, testable_effects
 from model.diagnosis.noise import Noise, noise_of
+from model.diagnosis.priors import NONE
 from model.diagnosis.space import Predictor
 from model.effects import Effect
+from model.planning.separation import APART
 from model.support.arrays import Array
 from model.support.errors import ModelError
 

@@ -1,6 +1,6 @@
 """Which measurements tell the leading models apart soonest: blocks of settings, chosen one after the other.
 
-What may hide a difference (`model.diagnosis.separation`): both models' parameters, as far as the data so far leave
+What may hide a difference (`model.planning.told`): both models' parameters, as far as the data so far leave
 them free, and the gains of the sessions to come. A block's cost is its time.
 """
 
@@ -15,9 +15,15 @@ from numpy.typing import NDArray
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import STEP
-from model.diagnosis.naming import APART, Candidate, imitate, testable_effects, unseen_draws
+from model.diagnosis.hypotheses import Candidate, testable_effects, unseen_draws
 from model.diagnosis.noise import shared_std
-from model.diagnosis.separation import (
+from model.diagnosis.space import FARTHEST, Predictor
+from model.diagnosis.witness import WITNESSES
+from model.diagnosis.workflow import Diagnosis, Findings
+from model.effects.base import Effect
+from model.effects.interventions import NOTHING
+from model.planning.separation import APART, imitate
+from model.planning.told import (
     Choice,
     Pair,
     Told,
@@ -29,11 +35,6 @@ from model.diagnosis.separation import (
     told_by,
     weights,
 )
-from model.diagnosis.space import FARTHEST, Predictor
-from model.diagnosis.witness import WITNESSES
-from model.diagnosis.workflow import Diagnosis, Findings
-from model.effects.base import Effect
-from model.effects.interventions import NOTHING
 from model.support.arrays import Array
 
 MODELS = 6  # that take part
@@ -144,7 +145,7 @@ def _unseen(findings: Findings, kinds: Sequence[type[Effect]], pool: Pool, own_s
 
     The base model's parameters and gains may hide an effect, but in the data so far and in those to come alike.
     """
-    problem, data, base = findings.problem, pool.observations, findings.weighed.base
+    problem, data, base = findings.problem, pool.observations, findings.hypotheses.base
     predictor = Predictor(problem.predictor.description, data, problem.predictor.free)
     inside, scale = np.abs(base.fit.vector) < FARTHEST, np.sqrt(base.fit.scale2)  # what is at its end stays there
     here, slopes = _mean_and_slopes(predictor, base, base.fit.vector)
@@ -186,13 +187,14 @@ def _of_interventions(pool: Pool) -> NDArray[np.bool_]:
 
 def leading(findings: Findings) -> list[tuple[Candidate, float]]:
     """The models to tell apart with their probabilities: the chosen, what it is confused with, then the likeliest."""
-    verdict, weighed = findings.verdict, findings.weighed
+    verdict, found = findings.verdict, findings.hypotheses
+    probability = verdict.posterior.shares
     alike = {name for names in verdict.group.values() for name in names}
-    fitted = [c for c in (weighed.base, *weighed.singles) if c.kinds != verdict.chosen.kinds]
-    fitted.sort(key=lambda c: (c.name not in alike, -verdict.probabilities[c.name]))
-    own = [verdict.probabilities[kind.name] for kind in verdict.chosen.kinds]
-    chosen = (verdict.chosen, sum(own) if own else verdict.probabilities[verdict.chosen.name])
-    return [chosen, *((c, verdict.probabilities[c.name]) for c in fitted[: MODELS - 1])]
+    fitted = [c for c in (found.base, *found.singles) if c.kinds != verdict.chosen.kinds]
+    fitted.sort(key=lambda c: (c.name not in alike, -probability[c.name]))
+    own = [probability[kind.name] for kind in verdict.chosen.kinds]
+    chosen = (verdict.chosen, sum(own) if own else probability[verdict.chosen.name])
+    return [chosen, *((c, probability[c.name]) for c in fitted[: MODELS - 1])]
 
 
 def _pairs(findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool: Pool, own_std: Array) -> list[Pair]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model.diagnosis.separation import LEAST_GAIN
+from model.planning.told import LEAST_GAIN
 
 from .published_problems import PROBLEMS, SURE, Count, Problem, counted, fitted, next_point, probabilities
 

@@ -11,14 +11,14 @@ import pytest
 from model.conditions import Conditions
 from model.description import read_model
 from model.diagnosis.data import Measurements, read_measurements
-from model.diagnosis.design import Pool, design_for_unseen
-from model.diagnosis.naming import APART
-from model.diagnosis.separation import Pair, Told, by_all, by_block, most_by_one, nothing, told_by
 from model.diagnosis.space import Predictor
 from model.diagnosis.workflow import diagnose
 from model.effects import BY_NAME, CATALOGUE
 from model.effects.interventions import INTERVENTIONS
 from model.parameters import Parameter
+from model.planning.design import Pool, design_for_unseen
+from model.planning.separation import APART
+from model.planning.told import Pair, Told, by_all, by_block, most_by_one, nothing, told_by
 from model.touch_model import TouchModel
 
 FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")

@@ -1,6 +1,6 @@
 """What to measure next: the few settings at which the leading models differ most, beside what stays unknown.
 
-Friction at one setting each, in one new session; `model.diagnosis.design` chooses.
+Friction at one setting each, in one new session; `model.planning.design` chooses.
 """
 
 from __future__ import annotations
@@ -16,14 +16,16 @@ from scipy.linalg import cholesky
 from model.conditions import UNDRIVEN_HZ
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
-from model.diagnosis.design import Pool, design, leading
 from model.diagnosis.fit import Problem
-from model.diagnosis.naming import ALIKE, APART, Candidate, separation, words
+from model.diagnosis.hypotheses import Candidate
 from model.diagnosis.noise import SESSION_GAIN_STD
+from model.diagnosis.priors import words
 from model.diagnosis.space import Predictor
 from model.diagnosis.where import Disagreement
 from model.diagnosis.witness import FRICTION, WITNESSES
 from model.diagnosis.workflow import Diagnosis
+from model.planning.design import Pool, design, leading
+from model.planning.separation import ALIKE, APART, separation
 from model.support.arrays import Array
 
 AGAINST = {witness.against for witness in WITNESSES if witness.against}

@@ -11,13 +11,14 @@ from scipy.linalg import solve_triangular
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
-from model.diagnosis.naming import NONE, SURE, UNKNOWN, Candidate, words
+from model.diagnosis.hypotheses import Candidate
 from model.diagnosis.noise import shared_std
+from model.diagnosis.priors import NONE, SURE, UNKNOWN, words
 from model.diagnosis.smooth import LOG_INPUTS
-from model.diagnosis.spectrum import spectrum
 from model.diagnosis.where import Region
 from model.diagnosis.witness import FRICTION, WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
+from model.reporting.spectrum import spectrum
 from model.support.arrays import Array, Mask
 
 mpl.use("Agg")
@@ -84,7 +85,7 @@ def percent(difference: Array, witness: int) -> Array:
 
 def _before_after(data: Measurements, found: Findings) -> list[tuple[str, str, Array]]:
     """Title, colour and residuals of the base model, and of the chosen one where it has an effect."""
-    models = [("model as given", BEFORE, found.weighed.base.fit)]
+    models = [("model as given", BEFORE, found.hypotheses.base.fit)]
     chosen = found.chosen
     if chosen.kinds:
         models.append((f"with {words(chosen.name)}", AFTER, chosen.fit))
@@ -229,7 +230,7 @@ def _running_median(values: Array) -> Array:
 
 def fingerprint(data: Measurements, found: Findings, witness: int = FRICTION) -> Figure | None:
     """Over every input that varies: what a witness shows, and what each leading candidate would make of the model."""
-    problem, base, mine = found.problem, found.weighed.base, data.of(witness)
+    problem, base, mine = found.problem, found.hypotheses.base, data.of(witness)
     known, names = WITNESSES[witness], [name for name in AXES if data.subset(mine).varies(name)]
     if not names:
         return None
@@ -264,9 +265,9 @@ def fingerprint(data: Measurements, found: Findings, witness: int = FRICTION) ->
 
 def leaders(found: Findings, most: int = 3) -> list[Candidate]:
     """The chosen model where it has effects, then the most probable single effects."""
-    chosen, probabilities = found.chosen, found.verdict.probabilities
+    chosen, probabilities = found.chosen, found.verdict.posterior.shares
     others = sorted(
-        (c for c in found.weighed.singles if c.kinds != chosen.kinds),
+        (c for c in found.hypotheses.singles if c.kinds != chosen.kinds),
         key=lambda c: (-probabilities[c.name], -c.alone.log_evidence),
     )
     return [*([chosen] if chosen.kinds else []), *others][:most]
@@ -298,8 +299,8 @@ def _profile(
 
 def probability_bars(found: Findings) -> Figure:
     """The most probable candidates on a logarithmic scale, with none and unknown always among them."""
-    verdict, untestable = found.verdict, found.weighed.untestable
-    probabilities = verdict.probabilities
+    verdict, untestable = found.verdict, found.hypotheses.untestable
+    probabilities = verdict.posterior.inclusion
     ranked = sorted(probabilities, key=lambda name: -probabilities[name])
     kept = [name for name in ranked if name not in (NONE, UNKNOWN)][:MOST_BARS]
     shown = [name for name in ranked if name in (*kept, NONE, UNKNOWN)]

@@ -13,14 +13,14 @@ from model.conditions import Conditions
 from model.description import read_model
 from model.diagnosis import next_experiment as design
 from model.diagnosis.data import Array, Measurements
-from model.diagnosis.design import leading
 from model.diagnosis.fit import Problem
-from model.diagnosis.next_experiment import next_experiments
 from model.diagnosis.noise import noise_of
 from model.diagnosis.space import NUISANCES, Predictor
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects import BY_NAME
 from model.parameters import Parameter
+from model.planning.design import leading
+from model.planning.next_experiment import next_experiments
 from model.touch_model import TouchModel
 
 FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")

@@ -1,0 +1,304 @@
+"""What may be true of a data set, and the evidence of each hypothesis.
+
+Nothing is missing; one effect of the catalogue, in its exact form or bent; two effects; something
+unknown; something that is not of the touch. `Evidences` holds the logarithms alone, so that a rule
+can be judged without fitting anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+from scipy.stats import norm, qmc
+
+from model.diagnosis.data import Measurements
+from model.diagnosis.evidence import Evidence, evidence, evidence_beside, explained, log_marginal
+from model.diagnosis.fit import Fit, Problem
+from model.diagnosis.form import form_terms
+from model.diagnosis.priors import LOG_PRIOR_EACH, NONE
+from model.diagnosis.space import FARTHEST
+from model.diagnosis.witness import FRICTION
+from model.effects import CATALOGUE, Effect
+from model.friction import LOAD_REFERENCE_N
+from model.support.arrays import Array
+
+FORCE_SENSOR = "a force sensor that reads the load"
+OUTSIDE = {FORCE_SENSOR: "tare it, and press without sliding"}  # not of the touch, and its check
+Kinds = tuple[type[Effect], ...]
+
+STARTS = (0.0, -2.0, 1.5, -3.0)  # of an effect's first parameter, prior standard deviations
+STRENGTHS = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)  # at which the score test looks at a signature
+FITTED = 6  # single effects that may have a second beside them, and pairs fitted at a time
+REFITS = 4  # at most, of a model whose form is off
+WORTH_REFITTING = 0.3  # nats
+NO_TRACE = 2.0  # lambda below which an effect is not there: what a parameter costs by Akaike
+DRAWS = 64  # of an effect's prior: shares of it to some per cent
+SHARES = (0.01, 0.03, 0.1, 0.3)  # of the load in the lateral reading, and of LOAD_REFERENCE_N
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One model, fitted: its own evidence, and with a discrepancy of unknown shape beside it.
+
+    `bent` [n, m]: what its form may be off, whitened, as far as the data ask for it; `around`: the
+    most probable parameters with that, which evidences are linear about. `fit` is of the exact form.
+    """
+
+    kinds: Kinds
+    fit: Fit
+    alone: Evidence
+    around: Fit
+    bent: Array
+    _beside: Callable[[], Evidence]
+
+    @cached_property
+    def beside_discrepancy(self) -> Evidence:
+        """Evidence with a discrepancy of unknown shape beside the effects; worked out when asked for."""
+        return self._beside()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its effects; of none for the base model."""
+        return tuple(kind.name for kind in self.kinds) or (NONE,)
+
+    @property
+    def name(self) -> str:
+        """The names joined."""
+        return "+".join(self.names)
+
+
+class Evidences(NamedTuple):
+    """log evidence of every hypothesis about one data set.
+
+    `alone`: of none, of each effect that can be tested, and of the pairs that were fitted, by names.
+    `unseen`: of that part of an effect's prior that leaves no trace. `beside`: of none and of the
+    best single effect with a discrepancy of unknown shape. `outside`: of what is not of the touch.
+    """
+
+    alone: dict[tuple[str, ...], float]
+    untestable: tuple[str, ...]
+    unseen: dict[str, float]
+    beside: dict[tuple[str, ...], float]
+    outside: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Hypotheses:
+    """Every model that was fitted to one data set. `hidden` and `outside` as in `Evidences`."""
+
+    base: Candidate
+    singles: list[Candidate]
+    pairs: list[Candidate]
+    untestable: tuple[str, ...]
+    hidden: dict[str, float]
+    outside: dict[str, float]
+
+    @property
+    def best(self) -> Candidate:
+        """The single effect with the most evidence."""
+        return max(self.singles, key=_evidence)
+
+    def of(self, names: tuple[str, ...]) -> Candidate:
+        """The model with just these effects, in any order."""
+        fitted = (self.base, *self.singles, *self.pairs)
+        return next(c for c in fitted if set(c.names) == set(names))
+
+    @cached_property
+    def evidences(self) -> Evidences:
+        """The logarithms alone."""
+        return Evidences(
+            {c.names: _evidence(c) for c in (self.base, *self.singles, *self.pairs)},
+            self.untestable,
+            self.hidden,
+            {c.names: c.beside_discrepancy.log_evidence for c in (self.base, self.best)},
+            self.outside,
+        )
+
+
+def testable_effects(data: Measurements, switched_on: Sequence[Effect]) -> list[type[Effect]]:
+    """The effects that could leave a trace in these columns and are not in the model already."""
+    on = {effect.name for effect in switched_on}
+    others = (kind for kind in CATALOGUE if kind.name not in on)
+    return [kind for kind in others if all(data.varies(column) for column in kind.needs)]
+
+
+def candidate(problem: Problem, kinds: Kinds, fit: Fit, *others: Fit) -> Candidate:
+    """Weigh one fitted model; `others`: where else its parameters may lie if its form is off.
+
+    Where it is, the finger and the gains are bent to make up for that in `fit`; again where they
+    need not, for as long as that says more.
+    """
+    around, (alone, bent) = fit, _weigh(problem, fit)
+    exact = alone.exact
+    again = list(others)
+    for _ in range(REFITS):
+        again += [problem.refitted(around, bent)] if alone.bend else []
+        before = alone.log_evidence
+        for other in again:
+            better, its_bent = _weigh(problem, other)
+            if better.log_evidence > alone.log_evidence:
+                around, alone, bent = other, replace(better, exact=exact), its_bent
+        if alone.log_evidence - before < WORTH_REFITTING:
+            break
+        again = []
+
+    def beside() -> Evidence:
+        return evidence_beside(around, problem.noise, problem.discrepancy, bent, alone)
+
+    return Candidate(kinds, fit, alone, around, bent, beside)
+
+
+def _weigh(problem: Problem, fit: Fit) -> tuple[Evidence, Array]:
+    """Evidence about one fit, and what the form may be off as far as the data ask for it [n, m]."""
+    forms = form_terms(problem, fit)
+    found = evidence(fit, problem.noise, forms)
+    nothing = np.zeros((fit.residual.size, 0))
+    return found, found.bend * forms[found.way] if found.bend else nothing
+
+
+def fit_candidates(
+    problem: Problem,
+    base: Fit,
+    kinds: Sequence[Kinds],
+    progress: Callable[[str], None],
+) -> list[Candidate]:
+    """Fit each model warm from `base`, several starts for its last effect."""
+    found = []
+    for kind in kinds:
+        progress("+".join(k.name for k in kind) or NONE)
+        found.append(candidate(problem, kind, problem.best_fit(kind, base.vector, STARTS)))
+    return found
+
+
+class Promise(NamedTuple):
+    """A pair, and the log evidence that the score test expects of it."""
+
+    pair: frozenset[type[Effect]]
+    log_evidence: float
+
+
+def fit_pairs(
+    problem: Problem,
+    singles: list[Candidate],
+    progress: Callable[[str], None],
+) -> list[Candidate]:
+    """The pairs that promise most beside the leading effects, and beside those of the best pair."""
+    ranked = sorted(singles, key=_evidence, reverse=True)
+    promised: list[Promise] = []
+    fitted: dict[frozenset[type[Effect]], Candidate] = {}
+    asked: list[Candidate] = []
+    to_ask = ranked[:FITTED]
+    while to_ask:
+        asked += to_ask
+        promised += [promise for one in to_ask for promise in _beside(problem, one, singles)]
+        promised.sort(key=lambda promise: -promise.log_evidence)
+        for pair in list(dict.fromkeys(promise.pair for promise in promised))[:FITTED]:
+            if pair not in fitted:
+                first, second = (c for c in ranked if c.kinds[0] in pair)
+                progress(f"{first.name}+{second.name}")
+                fitted[pair] = with_one_more(problem, first, second.kinds)
+        best = max(fitted.values(), key=_evidence, default=None)
+        members = () if best is None else best.kinds
+        to_ask = [c for c in singles if c.kinds[0] in members and c not in asked]
+    return list(fitted.values())
+
+
+def with_one_more(problem: Problem, first: Candidate, more: Kinds) -> Candidate:
+    """`first` with an effect beside it: fitted from there, with its form and as that is off."""
+    kinds = (*first.kinds, *more)
+    exact = problem.best_fit(kinds, first.fit.vector, STARTS)
+    if not first.bent.shape[1]:
+        return candidate(problem, kinds, exact)
+    off = problem.loosened(first.bent).best_fit(kinds, first.around.vector, STARTS)
+    return candidate(problem, kinds, exact, problem.whole(off))
+
+
+def _beside(problem: Problem, first: Candidate, singles: list[Candidate]) -> list[Promise]:
+    """What each other effect promises beside `first` by the score test, where it is worth its prior.
+
+    The test asks how much of what `first` leaves a signature explains at its best strength.
+    """
+    fit, found = first.around, []
+    for other in singles:
+        if other is first:
+            continue
+        alone = other.fit.vector[-len(other.kinds[0].parameters()) :]
+        vectors = np.zeros((len(STRENGTHS) + 1, fit.vector.size + alone.size))
+        vectors[:, : fit.vector.size] = fit.vector
+        vectors[:-1, fit.vector.size], vectors[-1, fit.vector.size :] = STRENGTHS, alone
+        adds = fit.residual - problem.whitened((*fit.kinds, *other.kinds), vectors)
+        gain = 0.5 * float(np.max(explained(fit, first.alone.scale, first.bent, adds)))
+        if gain + LOG_PRIOR_EACH > 0.0:
+            found.append(Promise(frozenset((*first.kinds, *other.kinds)), _evidence(first) + gain))
+    return found
+
+
+def unseen(problem: Problem, base: Candidate, kind: type[Effect]) -> float:
+    """log evidence of that part of an effect's prior which leaves no trace in these data.
+
+    From draws of the prior, with the finger and the gains as the base model has them, and linear
+    about that.
+    """
+    _, signatures, visible = _drawn(problem, base, kind)
+    residual, hidden = base.fit.residual / np.sqrt(base.fit.scale2), visible < NO_TRACE
+    odds = np.exp(signatures[hidden] @ residual - 0.5 * visible[hidden])
+    return base.alone.log_evidence + float(np.log(max(odds.sum(), 1e-300) / DRAWS))
+
+
+def unseen_draws(problem: Problem, base: Candidate, kind: type[Effect]) -> tuple[Array, Array]:
+    """Vectors [m, k] of those draws of an effect's prior that leave no trace, and what each adds.
+
+    The latter [m, n] in standard deviations of the noise.
+    """
+    vectors, signatures, visible = _drawn(problem, base, kind)
+    return vectors[visible < NO_TRACE], signatures[visible < NO_TRACE]
+
+
+def _drawn(problem: Problem, base: Candidate, kind: type[Effect]) -> tuple[Array, Array, Array]:
+    """Draws [DRAWS, k] of an effect's prior, what each adds [DRAWS, n], and how visible it is.
+
+    In standard deviations of the noise; what the finger and the gains would take up does not count
+    as visible, as far as they are not at their ends already.
+    """
+    fit, count = base.fit, len(kind.parameters())
+    draws = norm.ppf(qmc.Sobol(count, seed=0).random(DRAWS))
+    shared = np.broadcast_to(fit.vector, (DRAWS, fit.vector.size))
+    vectors = np.concatenate([shared, draws], axis=1)
+    scale = np.sqrt(fit.scale2)
+    own = fit.jacobian[:, np.abs(fit.vector) < FARTHEST] / scale
+    signatures = (fit.residual - problem.whitened((kind,), vectors)) / scale
+    along = signatures @ own
+    hidden = np.linalg.solve(own.T @ own + np.eye(own.shape[1]), along.T).T
+    visible = np.sum(signatures**2, axis=1) - np.sum(along * hidden, axis=1)
+    return vectors, signatures, np.maximum(visible, 0.0)
+
+
+def force_sensor(problem: Problem, base: Candidate) -> float:
+    """log evidence of a force sensor whose lateral reading has its zero off and a share of the load.
+
+    Friction that it reads depends on load much as by a law of friction, and no other witness sees
+    either. Linear about the base model; -inf where friction has but one load.
+    """
+    data, fit = problem.predictor.data, base.fit
+    friction = data.of(FRICTION)
+    if not data.subset(friction).varies("normal_force_n"):
+        return -np.inf
+    load_n = data.columns["normal_force_n"]
+    # By predicted friction: that which is observed would bring its noise along.
+    predicted = problem.predictor.predicted((), fit.vector[None])[0]
+    lateral_n = np.exp(np.where(friction, predicted, 0.0)) * load_n
+    shifts_n = np.stack([np.full(load_n.size, LOAD_REFERENCE_N), load_n], axis=1)
+    shown = problem.noise.whiten(np.where(friction[:, None], shifts_n / lateral_n[:, None], 0.0))
+    target = fit.residual + fit.jacobian @ fit.vector
+    spreads = [np.hstack([fit.jacobian, share * shown]) for share in SHARES]
+    logs = [log_marginal(target, spread, problem.noise) for spread in spreads]
+    return float(logsumexp(logs) - np.log(len(SHARES)))
+
+
+def _evidence(candidate: Candidate) -> float:
+    return candidate.alone.log_evidence

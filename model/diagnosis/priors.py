@@ -1,0 +1,22 @@
+"""The numbers of the diagnosis that a person sets; docs/diagnosis.md gives the reason for each."""
+
+from __future__ import annotations
+
+from math import log
+
+from model.effects import CATALOGUE
+
+NONE, UNKNOWN = "none", "unknown"  # hypotheses without a name of the catalogue
+PRIOR_NONE, PRIOR_UNKNOWN = 0.3, 0.14
+PRIOR_EFFECTS = 1.0 - PRIOR_NONE - PRIOR_UNKNOWN  # shared by all of the catalogue
+SURE = 0.95  # the probability that a name, or a list of names, must have
+
+LOG_ODDS = log(SURE / (1.0 - SURE))  # of what is SURE against what is not
+LOG_PRIOR_EACH = log(PRIOR_EFFECTS / len(CATALOGUE))
+
+
+def words(name: str) -> str:
+    """A hypothesis as people say it."""
+    if name in (NONE, UNKNOWN):
+        return {NONE: "nothing missing", UNKNOWN: "unknown effect"}[name]
+    return name.replace("_", " ").replace("+", " with ")

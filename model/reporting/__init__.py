@@ -1,0 +1,1 @@
+"""What a diagnosis says to people and programs: the report, its page and pictures, the corrected model."""
