@@ -19,13 +19,20 @@ from haptic_driver.rig.config import load_rig
 from haptic_driver.surface.models import load_model
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
-from model.diagnosis.evidence import EXACT, FORM_ERRORS
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.form import form_terms
 from model.diagnosis.hypotheses import NO_TRACE, testable_effects
 from model.diagnosis.noise import Noise, noise_of
-from model.diagnosis.priors import NONE, PRIOR_EFFECTS, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN
-from model.diagnosis.smooth import AMPLITUDES
+from model.diagnosis.priors import (
+    AMPLITUDES,
+    EXACT,
+    FORM_ERRORS,
+    NONE,
+    PRIOR_EFFECTS,
+    PRIOR_NONE,
+    PRIOR_UNKNOWN,
+    UNKNOWN,
+)
 from model.diagnosis.space import Predictor
 from model.effects import Effect
 from model.effects.learned import learned_kind
