@@ -12,7 +12,7 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import pairwise
-from multiprocessing import cpu_count, get_context
+from multiprocessing import cpu_count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -74,7 +74,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("benchmarks/calibration.csv"))
     asked = parser.parse_args()
     began_s, answers = time.monotonic(), list[Answer]()
-    with ProcessPoolExecutor(cpu_count(), mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(cpu_count()) as pool:
         for number, each in enumerate(pool.map(partial(answer, asked.seed), range(asked.sets)), 1):
             answers += [] if each is None else [each]
             if number % 20 == 0:

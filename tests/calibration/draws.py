@@ -7,9 +7,9 @@ term at any place of the chain. The finger, the gains, the noise and its scale c
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.form import form_terms
 from model.diagnosis.hypotheses import NO_TRACE, testable_effects
-from model.diagnosis.noise import Noise, noise_of
+from model.diagnosis.noise import noise_of
 from model.diagnosis.priors import (
     AMPLITUDES,
     EXACT,
@@ -34,6 +34,7 @@ from model.diagnosis.priors import (
     UNKNOWN,
 )
 from model.diagnosis.space import Predictor
+from model.diagnosis.witness import WITNESSES
 from model.effects import Effect
 from model.effects.learned import learned_kind
 from model.support.arrays import Array
@@ -43,25 +44,8 @@ from tests.limits.draws import random_form
 PLANS = ("full", "witnesses", "voltage_frequency", "speed_load_time")
 COF_STD = (0.003, 0.01, 0.02)
 FEWEST_LEFT = 0.9  # of a plan's rows that need an equilibrium: other draws are no finger
+AGAINST = {witness.against for witness in WITNESSES if witness.against}
 Rng = np.random.Generator
-
-
-@dataclass(frozen=True)
-class Drawn(Measurements):
-    """Measurements of which every witness says `values` [n], as the diagnosis compares them."""
-
-    values: Array | None = None
-
-    @property
-    def observed(self) -> Array:
-        """The values."""
-        assert self.values is not None
-        return self.values
-
-    def subset(self, rows: Any) -> Measurements:
-        """Some of the rows."""
-        assert self.values is not None
-        return replace(super().subset(rows), values=self.values[rows])  # type: ignore[call-arg]
 
 
 class Truth(NamedTuple):
@@ -71,7 +55,7 @@ class Truth(NamedTuple):
     about: str
 
 
-def drawn(seed: int, number: int) -> tuple[Truth, Drawn] | None:
+def drawn(seed: int, number: int) -> tuple[Truth, Measurements] | None:
     """One set; None where the finger that was drawn could not be measured."""
     rng = np.random.default_rng([seed, number])
     description = load_model("reference")
@@ -80,17 +64,20 @@ def drawn(seed: int, number: int) -> tuple[Truth, Drawn] | None:
     way = str(rng.choice(list(kinds_of_plan)))
     template = kinds_of_plan[way]
     kinds, is_unknown = _truth(rng, testable_effects(template, ()))
-    noise = noise_of(template)
-    assert noise is not None
     predictor = Predictor(description, template)
-    vector = rng.normal(size=predictor.size(kinds))
-    seen, usable = _seen(rng, description, predictor, kinds, vector, noise, is_unknown)
+    acts = kinds if not is_unknown or rng.random() < 0.5 else (learned_kind(random_form(rng)),)
+    vector = rng.normal(size=predictor.size(acts))
+    exact = predictor.predicted(acts, vector[None])[0]
+    usable = np.isfinite(exact)
     if usable.mean() < FEWEST_LEFT:
         return None
+    exact = np.where(usable, exact, 0.0)
+    noise = noise_of(_saying(template, exact))
+    assert noise is not None
+    seen = exact + noise.lower @ _off(rng, Problem(predictor, exact, noise), acts, vector, is_unknown)
     scale = np.sqrt(noise.degrees / rng.chisquare(noise.degrees))
     values = seen + scale * (noise.lower @ rng.normal(size=seen.size))
-    data = Drawn(**vars(template), values=np.where(usable, values, 0.0)).subset(usable)
-    assert isinstance(data, Drawn)
+    data = _saying(template, values).subset(usable)
     names = _with_a_trace(description, data, seen[usable], kinds, is_unknown)
     return Truth(names, f"{plan}, {way}, {cof_std:g}"), data
 
@@ -100,6 +87,27 @@ def _templates(plan: str, cof_std: float) -> dict[str, Measurements]:
     """What the plan would observe on a simulated rig, without current and with spectra."""
     rig, touch = load_rig("simulated"), TouchModel(load_model("reference"))
     return ways(rig, touch, load_plan(plan), cof_std)[0]
+
+
+def _saying(template: Measurements, values: Array) -> Measurements:
+    """The template as a file would have it, with `values` [n] as the diagnosis compares them."""
+    columns = dict(template.columns)
+    row = np.arange(template.count) if template.row is None else template.row
+    against = {name: np.zeros(row.max() + 1) for name in ("", *AGAINST)}
+    for i in sorted(template.witnesses, key=lambda i: bool(WITNESSES[i].against)):
+        witness, mine = WITNESSES[i], template.of(i)
+        by_row = np.zeros(row.max() + 1)
+        by_row[row[mine]] = values[mine]
+        if witness.against in columns:
+            by_row += against[witness.against]
+        if witness.column in against:
+            against[witness.column] = by_row
+        size = 1.0 if witness.is_phase else np.exp(by_row)[row]
+        known = np.isfinite(columns[witness.column])
+        said = by_row[row] if witness.is_phase else size
+        columns[witness.column] = np.where(known, said, np.nan)
+        columns[witness.std] = columns[witness.std] * size
+    return replace(template, columns=columns)
 
 
 def _truth(rng: Rng, kinds: list[type[Effect]]) -> tuple[tuple[type[Effect], ...], bool]:
@@ -113,42 +121,33 @@ def _truth(rng: Rng, kinds: list[type[Effect]]) -> tuple[tuple[type[Effect], ...
     return tuple(kinds[i] for i in chosen), what == 1
 
 
-def _seen(
+def _off(
     rng: Rng,
-    description: ModelDescription,
-    predictor: Predictor,
+    problem: Problem,
     kinds: tuple[type[Effect], ...],
     vector: Array,
-    noise: Noise,
     is_unknown: bool,
-) -> tuple[Array, Array]:
-    """What every witness says without noise [n], and where the finger has an equilibrium [n]."""
-    if is_unknown and rng.random() < 0.5:
-        term = (learned_kind(random_form(rng)),)
-        weights = rng.normal(size=predictor.size(term) - len(predictor.free))
-        seen = predictor.predicted(term, np.append(vector, weights)[None])[0]
-        return seen, np.isfinite(seen)
-    seen = predictor.predicted(kinds, vector[None])[0]
-    problem = Problem(predictor, np.nan_to_num(seen), noise)
-    if is_unknown:
+) -> Array:
+    """What the finger or the rig differs by from any exact form, whitened [n]."""
+    nothing = np.zeros(problem.observed.size)
+    if is_unknown and not kinds:
         *single, together = problem.discrepancy
-        term_of = together if rng.random() < 0.5 else single[rng.integers(len(single))]
-        off = float(rng.choice(AMPLITUDES)) * term_of @ rng.normal(size=term_of.shape[1])
-    elif kinds and rng.random() > EXACT:
-        nothing = np.zeros(seen.size)
-        at = Fit(kinds, vector, nothing, nothing[:, None], np.eye(1), 0.0, 1.0, 0.0)
-        forms = form_terms(problem, at)
-        way = int(rng.integers(len(forms))) if forms else -1
-        bend = float(rng.choice(FORM_ERRORS[way])) if forms else 0.0
-        off = bend * forms[way] @ rng.normal(size=forms[way].shape[1]) if forms else nothing
-    else:
-        return seen, np.isfinite(seen)
-    return seen + noise.lower @ off, np.isfinite(seen)
+        term = together if rng.random() < 0.5 else single[rng.integers(len(single))]
+        return float(rng.choice(AMPLITUDES)) * term @ rng.normal(size=term.shape[1])
+    if is_unknown or not kinds or rng.random() < EXACT:
+        return nothing
+    at = Fit(kinds, vector, nothing, nothing[:, None], np.eye(1), 0.0, 1.0, 0.0)
+    forms = form_terms(problem, at)
+    if not forms:
+        return nothing
+    way = int(rng.integers(len(forms)))
+    bend = float(rng.choice(FORM_ERRORS[way]))
+    return bend * forms[way] @ rng.normal(size=forms[way].shape[1])
 
 
 def _with_a_trace(
     description: ModelDescription,
-    data: Drawn,
+    data: Measurements,
     seen: Array,
     kinds: tuple[type[Effect], ...],
     is_unknown: bool,
