@@ -1,7 +1,7 @@
 """The figure of docs/verdict.md: hypotheses, posterior and decision of one data set.
 
-`python docs/verdict_figure.py` writes `pictures/verdict.svg`; `make docs` does. The evidences are those of
-one kept set of the tests, and all that is drawn of them comes from the program. Needs a checkout.
+`python docs/verdict_figure.py` writes `pictures/verdict.svg`; `make docs` does. The evidences are
+those of one kept set of the tests; what is drawn of them comes from the program. Needs a checkout.
 """
 
 from __future__ import annotations
