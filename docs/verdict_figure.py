@@ -40,7 +40,7 @@ SHOWN = 6  # of the most probable hypotheses, beside none and unknown
 INCLUDED = 4  # of the most probable effects
 SIZE_IN, WIDTHS = (13.0, 4.2), (1.0, 1.0, 1.4)
 BLUE, ORANGE, GREY = "#1b6ca8", "#e08e0b", "#9aa0a6"
-SETTINGS = {"svg.hashsalt": "verdict", "font.size": 10}
+SETTINGS: dict[Any, Any] = {"svg.hashsalt": "verdict", "font.size": 10}
 
 
 def evidences() -> Evidences:
@@ -57,7 +57,7 @@ def evidences() -> Evidences:
 
 def prior(names: Names) -> float:
     """Of one hypothesis."""
-    known = {(NONE,): PRIOR_NONE, (UNKNOWN,): PRIOR_UNKNOWN}
+    known: dict[Names, float] = {(NONE,): PRIOR_NONE, (UNKNOWN,): PRIOR_UNKNOWN}
     return known.get(names, (PRIOR_EFFECTS / len(CATALOGUE)) ** len(names))
 
 
