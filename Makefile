@@ -4,7 +4,7 @@ BIN := .venv/bin
 # Hundreds of processes start in a test run: what one has compiled serves the next, whatever the environment says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo demo-diagnosis demo-live test soak kills limits mutate lint bench bench-live validate blind investigations docs clean
+.PHONY: demo demo-diagnosis demo-live test soak kills limits calibration mutate lint bench bench-live validate blind investigations docs clean
 
 .venv/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -47,6 +47,10 @@ kills: .venv/.test
 # Random models on random rigs: nothing that goes out exceeds a limit by the full model. At most 15 minutes.
 limits: .venv/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.limits
+
+# Probabilities of the diagnosis, as stated and as they come true, on sets from its own hypotheses: at most 40 minutes.
+calibration: .venv/.test
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.calibration
 
 # Small faults, one at a time, in what safety and truth rest on. Lines changed since BASE; ALL=1: a sample of everything.
 BASE ?= HEAD~1

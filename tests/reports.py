@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from model.diagnosis import report
+from model.reporting import report
 
 
 @contextmanager

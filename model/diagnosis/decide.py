@@ -49,10 +49,10 @@ def decide(found: Posterior) -> Decision:
 
 def _named(found: Posterior, named: Names) -> str:
     """Why, and what may stand beside the names."""
-    number = {1: "one effect is", 2: "two effects are"}[len(named)]
+    who = "it" if len(named) == 1 else "each of the two"
     likely = [n for n, p in found.inclusion.items() if p > 0.5 and n not in named]
     perhaps = "".join(f"; perhaps {words(name)} as well" for name in likely)
-    return f"{number} in all models that have {SURE:.0%} of the probability{perhaps}"
+    return f"the models that hold {who} have {SURE:.0%} of the probability or more{perhaps}"
 
 
 def _unknown(found: Posterior) -> str:

@@ -10,11 +10,9 @@ from scipy.special import gammaln, logsumexp
 
 from model.diagnosis.fit import Fit
 from model.diagnosis.noise import Noise
-from model.diagnosis.smooth import AMPLITUDES
+from model.diagnosis.priors import AMPLITUDES, EXACT, FORM_ERRORS
 from model.support.arrays import Array
 
-FORM_ERRORS = (0.025, 0.05, 0.1), (0.05, 0.1, 0.2)  # of an effect's signature, or strength, that its form may be off
-EXACT = 0.25  # prior of a form that is the catalogue's
 ROUNDING = 1e-11  # of squared singular values, as a share of the largest
 LEAST_CHI2 = 1e-6  # of a signature: fainter ones are rounding
 SCALES = np.exp(np.linspace(np.log(0.2), np.log(5.0), 41))  # of the noise, integrated over
@@ -22,10 +20,10 @@ SCALES = np.exp(np.linspace(np.log(0.2), np.log(5.0), 41))  # of the noise, inte
 
 @dataclass(frozen=True)
 class Evidence:
-    """log evidence, with the noise scale and any discrepancy amplitude integrated out, and where it lies.
+    """log evidence with the noise scale and any discrepancy's amplitude integrated out.
 
-    `bend`: share that a model's form is off, in the way of that number, and `at_bend` the log evidence with that alone;
-    `exact`: log evidence with a form that is not off.
+    And where it lies: `bend`, the share that a model's form is off, in the way of that number, and
+    `at_bend`, the log evidence with that alone; `exact`, that of a form that is not off.
     """
 
     log_evidence: float

@@ -20,7 +20,7 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.evidence import Evidence, evidence, evidence_beside, explained, log_marginal
 from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.form import form_terms
-from model.diagnosis.priors import LOG_PRIOR_EACH, NONE
+from model.diagnosis.priors import LOG_PRIOR_EACH, NONE, SENSOR_SHARES
 from model.diagnosis.space import FARTHEST
 from model.diagnosis.witness import FRICTION
 from model.effects import CATALOGUE, Effect
@@ -38,7 +38,6 @@ REFITS = 4  # at most, of a model whose form is off
 WORTH_REFITTING = 0.3  # nats
 NO_TRACE = 2.0  # lambda below which an effect is not there: what a parameter costs by Akaike
 DRAWS = 64  # of an effect's prior: shares of it to some per cent
-SHARES = (0.01, 0.03, 0.1, 0.3)  # of the load in the lateral reading, and of LOAD_REFERENCE_N
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,9 +294,9 @@ def force_sensor(problem: Problem, base: Candidate) -> float:
     shifts_n = np.stack([np.full(load_n.size, LOAD_REFERENCE_N), load_n], axis=1)
     shown = problem.noise.whiten(np.where(friction[:, None], shifts_n / lateral_n[:, None], 0.0))
     target = fit.residual + fit.jacobian @ fit.vector
-    spreads = [np.hstack([fit.jacobian, share * shown]) for share in SHARES]
+    spreads = [np.hstack([fit.jacobian, share * shown]) for share in SENSOR_SHARES]
     logs = [log_marginal(target, spread, problem.noise) for spread in spreads]
-    return float(logsumexp(logs) - np.log(len(SHARES)))
+    return float(logsumexp(logs) - np.log(len(SENSOR_SHARES)))
 
 
 def _evidence(candidate: Candidate) -> float:

@@ -12,7 +12,7 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.evidence import log_marginal
 from model.diagnosis.fit import Fit
 from model.diagnosis.noise import Noise
-from model.diagnosis.smooth import AMPLITUDES
+from model.diagnosis.priors import AMPLITUDES
 from model.support.arrays import Array, Mask
 
 UNLIKE_P = 1e-4

@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 
 from model.diagnosis.data import Measurements
+from model.diagnosis.priors import AMPLITUDES
 from model.diagnosis.witness import FRICTION
 from model.support.arrays import Array
 
 LENGTH = 0.8  # of the kernel, in standardised inputs
-AMPLITUDES = (0.005, 0.012, 0.03, 0.08, 0.2)  # of the discrepancy of log friction
 MOST_DISTINCT = 220
 GRID = 0.05  # in standardised inputs
 FAINT = 1e-3  # of the noise: what is smaller in a direction at the largest amplitude counts as nothing

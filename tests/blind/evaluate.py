@@ -10,6 +10,7 @@ import argparse
 import json
 import math
 import os
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -34,28 +35,46 @@ def answer(path: str) -> Answer:
         return Answer("error", (), (), "none", 0.0, "none", "none", repr(error))
     if found.findings is None:
         return Answer("not_testable", (), (), "none", 0.5, "none", "none")
-    verdict, weighed = found.findings.verdict, found.findings.weighed
-    named = verdict.verdict in ("effect_found", "ambiguous")
-    names = tuple(kind.name for kind in verdict.chosen.kinds) if named else ()
-    group = tuple(name for members in verdict.group.values() for name in members) if named else ()
-    top, probability = next(iter(verdict.probabilities.items()))
-    baselines = _aicc(weighed, found.data.count), _chi2(weighed)
-    return Answer(verdict.verdict, names, group, top, probability, *baselines, adequate=verdict.adequate)
+    verdict, hypotheses = found.findings.verdict, found.findings.hypotheses
+    names = verdict.decision.names
+    group = tuple(name for members in verdict.group.values() for name in members)
+    top, probability = next(iter(verdict.posterior.inclusion.items()))
+    baselines = (
+        _least(hypotheses, aicc, found.data.count),
+        _chi2(hypotheses),
+    )
+    bic_name = _least(hypotheses, bic, found.data.count)
+    return Answer(
+        verdict.verdict,
+        names,
+        group,
+        top,
+        probability,
+        *baselines,
+        adequate=verdict.adequate,
+        bic=bic_name,
+    )
 
 
-def _aicc(weighed: Any, n: int) -> str:
-    """Least AICc among none and the single effects."""
-
-    def score(candidate: Any) -> float:
-        k = candidate.fit.vector.size
-        return float(candidate.fit.chi2 + 2 * k + 2 * k * (k + 1) / max(n - k - 1, 1))
-
-    return str(min([weighed.base, *weighed.singles], key=score).name)
+def aicc(k: int, n: int) -> float:
+    """What AICc charges k parameters with n observations."""
+    return 2 * k + 2 * k * (k + 1) / max(n - k - 1, 1)
 
 
-def _chi2(weighed: Any) -> str:
+def bic(k: int, n: int) -> float:
+    """What BIC charges."""
+    return k * math.log(n)
+
+
+def _least(found: Any, charge: Callable[[int, int], float], n: int) -> str:
+    """The least criterion among none and the single effects, as people choose by hand."""
+    models = [found.base, *found.singles]
+    return str(min(models, key=lambda c: c.fit.chi2 + charge(c.fit.vector.size, n)).name)
+
+
+def _chi2(found: Any) -> str:
     """The effect with the least chi-square, whatever it is worth."""
-    return str(min(weighed.singles, key=lambda c: c.fit.chi2).name)
+    return str(min(found.singles, key=lambda c: c.fit.chi2).name)
 
 
 def cannot_be_found(label: dict[str, Any], columns: tuple[str, ...]) -> bool:
@@ -92,10 +111,12 @@ def table(answers: dict[str, Answer], labels: dict[str, Any], columns: dict[str,
         f"| candidates are listed (`ambiguous`) | {wilson(sum(g.verdict == 'ambiguous' for g in null), len(null))} |"
     )
     lines.append(f"| AICc names something | {wilson(sum(g.aicc != 'none' for g in null), len(null))} |")
+    lines.append(f"| BIC names something | {wilson(sum(g.bic != 'none' for g in null), len(null))} |")
     lines += ["", "## One effect hidden, by visibility", ""]
     lines += [
-        "| lambda | right effect or its group | named rightly | named wrongly | AICc right | chi-square right |",
-        "|---|---|---|---|---|---|",
+        "| lambda | right effect or its group | named rightly | named wrongly | AICc right | BIC right | "
+        "chi-square right |",
+        "|---|---|---|---|---|---|---|",
     ]
     for low, high in VISIBLE:
         part = [(l_["effects"][0]["name"], g) for l_, g in single if low <= l_["effects"][0]["lambda"] < high]
@@ -105,7 +126,8 @@ def table(answers: dict[str, Answer], labels: dict[str, Any], columns: dict[str,
         wrong = sum(g.verdict == "effect_found" and t not in g.names for t, g in part)
         lines.append(
             f"| {low}..{high} | {wilson(right, n)} | {wilson(named, n)} | {wilson(wrong, n)} | "
-            f"{wilson(sum(g.aicc == t for t, g in part), n)} | {wilson(sum(g.chi2 == t for t, g in part), n)} |"
+            f"{wilson(sum(g.aicc == t for t, g in part), n)} | {wilson(sum(g.bic == t for t, g in part), n)} | "
+            f"{wilson(sum(g.chi2 == t for t, g in part), n)} |"
         )
     lines += [
         "",

@@ -21,6 +21,7 @@ class Answer(NamedTuple):
     chi2: str
     error: str = ""
     adequate: bool = True
+    bic: str = ""
 
 
 def wilson(hits: int, count: int) -> str:

@@ -152,14 +152,15 @@ def _model(reference: ModelDescription, rng: np.random.Generator) -> ModelDescri
     names = rng.choice(list(BY_NAME), count, replace=False)
     wide = rng.random() < 0.3
     effects = {str(name): {p.name: _parameter(p, rng, wide) for p in BY_NAME[name].parameters()} for name in names}
-    form = _form(rng) if rng.random() < 0.4 else None
+    form = random_form(rng) if rng.random() < 0.4 else None
     if form is not None:
         kind = learned_kind(form)
         effects[LEARNED] = {p.name: _parameter(p, rng, wide=False) for p in kind.parameters()}
     return replace(reference, effect_parameters=effects, learned_form=form)
 
 
-def _form(rng: np.random.Generator) -> LearnedForm:
+def random_form(rng: np.random.Generator) -> LearnedForm:
+    """A term at some place of the chain, over one of its inputs."""
     acts_on = str(rng.choice(["voltage", "series_impedance", "gap_permittivity", "friction", "skin_stiffness"]))
     inputs = {"skin_stiffness": "normal_force_n"}.get(acts_on) or str(rng.choice(["frequency_hz", "voltage_v"]))
     nodes = {"frequency_hz": FREQUENCIES_HZ, "voltage_v": VOLTAGES_V, "normal_force_n": (0.1, 0.5, 2.0)}[inputs]

@@ -177,7 +177,7 @@ def test_one_more_effect_is_fitted_beside_a_form_as_it_is_off(tmp_path: Path) ->
     first = candidate(problem, (RESISTANCE,), problem.fit((RESISTANCE,), vector))
     both = (RESISTANCE, GAIN)
     exact = problem.best_fit(both, first.fit.vector, STARTS)
-    alone, found = candidate(problem, both, exact), with_one_more(problem, first, both)
+    alone, found = candidate(problem, both, exact), with_one_more(problem, first, (GAIN,))
     assert found.alone.log_evidence >= alone.alone.log_evidence
     assert found.fit.vector == pytest.approx(exact.vector)
     assert found.alone.exact == alone.alone.exact

@@ -10,10 +10,10 @@ import pytest
 
 from model.conditions import Conditions
 from model.description import read_model
-from model.diagnosis import workflow
+from model.diagnosis.audit import audited
 from model.diagnosis.data import Measurements, read_measurements
-from model.diagnosis.noise import noise_of
 from model.diagnosis.sessions import inflation, unlike_sessions
+from model.diagnosis.setting import fitted
 from model.diagnosis.space import NUISANCES, Predictor
 from model.diagnosis.witness import CURRENT, FRICTION
 from model.diagnosis.workflow import diagnose
@@ -108,12 +108,10 @@ def test_noise_that_hardly_forgets_is_taken_into_account_once(tmp_path) -> None:
     wander = np.cumsum(np.random.default_rng(25).standard_normal(data.count))
     cof = data.columns["cof"] * np.exp(0.02 * wander)
     slow = replace(data, columns=data.columns | {"cof": cof, "cof_std": 0.02 * cof})
-    noise = noise_of(slow)
-    assert noise is not None
-    warnings: list[str] = []
-    found = workflow._base(read_model(MODEL), slow, noise, warnings).problem.noise
-    assert found.correlation > 0.6
-    assert sum("correlated" in said for said in warnings) == 1
+    description = read_model(MODEL)
+    found = fitted(description, audited(description, slow), lambda _: None)
+    assert found.problem.noise.correlation > 0.6
+    assert sum("correlated" in said for said in found.warnings) == 1
 
 
 def test_a_model_with_every_effect_in_it_leaves_nothing_to_test(tmp_path) -> None:

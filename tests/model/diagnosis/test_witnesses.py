@@ -340,8 +340,7 @@ def test_two_effects_are_named_one_by_one(diagnosed) -> None:
     assert set(names(found)) == {"drive_gain_error", "humid_gap_conduction"}
     verdict = found.findings.verdict
     assert set(verdict.group) == set(names(found))
-    # Each is there; they were said to be there with half of that.
-    assert all(verdict.presence(name) > 0.9 for name in names(found))
+    assert all(verdict.posterior.inclusion[name] > 0.9 for name in names(found))
 
 
 @pytest.mark.timeout(300)

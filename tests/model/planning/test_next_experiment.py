@@ -11,7 +11,6 @@ import pytest
 
 from model.conditions import Conditions
 from model.description import read_model
-from model.diagnosis import next_experiment as design
 from model.diagnosis.data import Array, Measurements
 from model.diagnosis.fit import Problem
 from model.diagnosis.noise import noise_of
@@ -19,6 +18,7 @@ from model.diagnosis.space import NUISANCES, Predictor
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects import BY_NAME
 from model.parameters import Parameter
+from model.planning import next_experiment as design
 from model.planning.design import leading
 from model.planning.next_experiment import next_experiments
 from model.touch_model import TouchModel
@@ -86,9 +86,9 @@ def test_measuring_the_proposals_tells_which(separable: tuple[Diagnosis, list[di
     assert again.findings is not None
     before, after = found.findings.verdict, again.findings.verdict
     assert after.chosen.name == "load_dependent_friction"
-    assert before.probabilities["capillary_adhesion"] > 0.1
-    assert after.probabilities["capillary_adhesion"] < 0.5 * before.probabilities["capillary_adhesion"]
-    assert after.probabilities["load_dependent_friction"] > 0.8
+    assert before.posterior.inclusion["capillary_adhesion"] > 0.1
+    assert after.posterior.inclusion["capillary_adhesion"] < 0.5 * before.posterior.inclusion["capillary_adhesion"]
+    assert after.posterior.inclusion["load_dependent_friction"] > 0.8
 
 
 def test_proposals_beat_settings_taken_at_random(separable: tuple[Diagnosis, list[dict[str, Any]]]) -> None:

@@ -1,0 +1,1 @@
+"""Whether the diagnosis states right probabilities, by sets drawn from its own hypotheses."""
