@@ -10,10 +10,17 @@ from pathlib import Path
 
 import pytest
 
-from model.diagnosis.evidence import EXACT, FORM_ERRORS
 from model.diagnosis.hypotheses import NO_TRACE
-from model.diagnosis.priors import PRIOR_EFFECTS, PRIOR_NONE, PRIOR_UNKNOWN, SURE
-from model.diagnosis.smooth import AMPLITUDES
+from model.diagnosis.priors import (
+    AMPLITUDES,
+    EXACT,
+    FORM_ERRORS,
+    PRIOR_EFFECTS,
+    PRIOR_NONE,
+    PRIOR_UNKNOWN,
+    SENSOR_SHARES,
+    SURE,
+)
 from model.effects import CATALOGUE
 from model.planning.separation import ALIKE, APART
 
@@ -43,6 +50,7 @@ def rows() -> dict[str, str]:
         ("bent form, each witness", f"{percents(FORM_ERRORS[0])} of the signature"),
         ("bent form, all together", f"{percents(FORM_ERRORS[1])} of the strength"),
         ("discrepancy", percents(AMPLITUDES)),
+        ("force sensor", f"{percents(SENSOR_SHARES)} of the load"),
         ("no trace", f"*lambda* below {NO_TRACE:g}"),
         ("SURE", f"{SURE:g}"),
         ("ALIKE", f"{ALIKE:.1f}"),
