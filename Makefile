@@ -85,6 +85,7 @@ investigations: .venv/.test
 docs: .venv/.runtime
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	$(BIN)/python docs/reference.py
+	$(BIN)/python docs/verdict_figure.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 clean:

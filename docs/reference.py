@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import json
+import math
 import re
 import tomllib
 from collections.abc import Callable, Iterator
@@ -24,7 +25,7 @@ from haptic_driver.experiments.psychophysics.description import ExperimentFile
 from haptic_driver.experiments.study import StudyPlan
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.textures.description import Description
-from model.effects import CATALOGUE
+from model.effects import CATALOGUE, EffectParameter
 from model.parameters import SPECIFICATION
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -222,12 +223,21 @@ def _model_tables() -> Iterator[str]:
     for name, said in SPECIFICATION.items():
         rows.append(f"| `{name}` | {said['low']:g} to {said['high']:g} | {said['unit']} | {_cell(said['about'])} |")
     yield "\n".join(rows)
-    rows = ["| `[effects.…]` | key | range | unit | off at | effect |", "|---|---|---|---|---|---|"]
+    head = ["`[effects.…]`", "key", "range", "prior", "unit", "off at", "effect"]
+    rows = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     for effect in CATALOGUE:
         for p in effect.parameters():
-            about = _cell(effect.physics)
-            rows.append(f"| `{effect.name}` | `{p.name}` | {p.low:g} to {p.high:g} | {p.unit} | {p.off:g} | {about} |")
+            range_and_prior = f"{p.low:g} to {p.high:g} | {_prior(p)}"
+            about = f"{p.unit} | {p.off:g} | {_cell(effect.physics)}"
+            rows.append(f"| `{effect.name}` | `{p.name}` | {range_and_prior} | {about} |")
     yield "\n".join(rows)
+
+
+def _prior(parameter: EffectParameter) -> str:
+    """Median, and one standard deviation: a factor where the logarithm is normal."""
+    if parameter.scale == "log":
+        return f"{parameter.median:g}, × {math.exp(parameter.std):.3g}"
+    return f"{parameter.median:g} ± {parameter.std:g}"
 
 
 def api_page() -> str:
