@@ -24,12 +24,17 @@ def worst_case(description: ModelDescription, frequency_hz: Array, voltage_v: Ar
     set_v = np.concatenate([[NEXT_TO_NOTHING * voltage_v[1]], voltage_v[1:]])
     stuck_a = electrode_v = np.zeros((frequency_hz.size, voltage_v.size))
     f, v = frequency_hz[:, None, None], set_v[:, None]
-    for time_s in CORRECTION_TIMES_S if needs(description, "time_s") else (0.0,):
+    for time_s in CORRECTION_TIMES_S if _changes_with_time(description) else (0.0,):
         with np.errstate(over="ignore", invalid="ignore"):  # who asks looks whether it is finite
             stuck, electrode = touch.worst_case(sines(f, v, LOADS_N, SPEED_REFERENCE_M_S, float(time_s)))
         stuck_a = np.maximum(stuck_a, stuck.max(axis=2))
         electrode_v = np.maximum(electrode_v, electrode.max(axis=2))
     return stuck_a / set_v, electrode_v / set_v
+
+
+def _changes_with_time(description: ModelDescription) -> bool:
+    """Whether current or voltage may change with time; what acts on friction alone changes neither."""
+    return any("time_s" in effect.needs and effect.stage != "friction" for effect in description.effects)
 
 
 def needs(description: ModelDescription, what: str) -> bool:
