@@ -53,7 +53,7 @@ def test_the_wheel_holds_every_module_config_and_page(wheel: Path) -> None:
     wanted |= {
         path.relative_to(ROOT).as_posix() for path in (ROOT / "haptic_driver/daemon/web/dashboard").iterdir()
     } | {f"{package}/py.typed" for package in ("haptic_driver", "model", "hw")}
-    wanted.add("model/diagnosis/page.html")
+    wanted.add("model/reporting/page.html")
     configs = [path for path in (ROOT / "configs").rglob("*") if path.is_file()]
     assert {path.parent.name for path in configs} >= {"rigs", "models", "textures", "plans", "populations"}
     wanted |= {f"haptic_driver/{path.relative_to(ROOT).as_posix()}" for path in configs}

@@ -122,7 +122,7 @@ def _show_levels(
         for effect in dict.fromkeys(name for level in found.values() for name in level.names):
             table.add_row(effect, *(_told_apart(level, effect) for level in found.values()))
         stdout.print(table)
-        stdout.print(f"Told apart: chi-square of {APART:g} or more. In brackets: rows times witnesses.")
+        stdout.print(f"Told apart: chi-square of {APART:.3g} or more. In brackets: rows times witnesses.")
         for line in told(refusals):
             stdout.print(f"left out, {line}")
         stdout.print(f"picture: {picture}")

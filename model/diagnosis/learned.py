@@ -34,7 +34,7 @@ OTHERS = (6, 4)
 GRID = 50  # parts of an input's span within which settings count as the same
 STEP = 1e-3
 # The finger's own form is not quite the model's, and a term at a wrong place may take to that as well: a fiftieth of
-# what is explained says nothing about the place. Pilot sets (seed 7401): without this a wrong place was given 0.97.
+# what is explained says nothing about the place.
 FORM_ERROR = 0.02
 PREFERRED = "friction"  # of those: what reads friction has the most ways to be wrong
 OF_THE_SMOOTH = 0.9  # share of what the smooth term closes that a short formula must close

@@ -1,4 +1,4 @@
-"""The numbers of the diagnosis that a person sets; docs/diagnosis.md gives the reason for each."""
+"""The numbers of the diagnosis that a person sets; docs/verdict.md gives the reason for each."""
 
 from __future__ import annotations
 

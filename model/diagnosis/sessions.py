@@ -12,12 +12,11 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.evidence import log_marginal
 from model.diagnosis.fit import Fit
 from model.diagnosis.noise import Noise
-from model.diagnosis.priors import AMPLITUDES
+from model.diagnosis.priors import AMPLITUDES, LOG_ODDS
 from model.support.arrays import Array, Mask
 
 UNLIKE_P = 1e-4
 FEWEST_SESSIONS = 3
-SPLIT_NATS = 3.0
 SMOOTH = 30  # directions of the discrepancy in which sessions are compared
 
 
@@ -45,7 +44,7 @@ def split_sessions(data: Measurements, noise: Noise, fit: Fit, discrepancy: Arra
     None if none differ; sessions that are not compared belong to both.
 
     Sessions are ordered along the direction in which their discrepancies differ most and cut in two at every place; a
-    discrepancy for each part must beat one for all by the number of possible cuts and SPLIT_NATS.
+    discrepancy for each part must beat one for all by the number of possible cuts and LOG_ODDS.
     """
     compared = _compared(data)
     session = data.session[compared]
@@ -68,7 +67,7 @@ def split_sessions(data: Measurements, noise: Noise, fit: Fit, discrepancy: Arra
     weights = [weight(cut) for cut in cuts]
     best = int(np.argmax(weights))
     gain = weights[best] - weight(None) - np.log(2.0) * (numbers.size - 1)
-    if gain <= SPLIT_NATS:
+    if gain <= LOG_ODDS:
         return None
     first, rest = order[: best + 1], order[best + 1 :]
     return ~np.isin(data.session, rest), ~np.isin(data.session, first)

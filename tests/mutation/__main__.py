@@ -20,7 +20,7 @@ from cosmic_ray.work_db import WorkDB, use_db
 from cosmic_ray.work_item import TestOutcome, WorkerOutcome, WorkItem, WorkResult
 
 ROOT = Path(__file__).resolve().parents[2]
-WEIGHING = [f"tests/model/diagnosis/test_{name}.py" for name in ("adequate", "weighing", "report")]
+DECISION = ["tests/model/diagnosis/test_decide.py"]
 RIG = [f"tests/haptic_driver/rig/test_{name}.py" for name in ("rig", "actuator", "rig_faults")]
 COPIES = 2
 TIMEOUT_S = 180.0  # a fault that hangs is noticed, too
@@ -46,9 +46,13 @@ TESTS = {
     "model/solver.py": ["tests/model/test_solver.py", "tests/model/test_limits.py"],
     "model/electric/current.py": ["tests/model/electric"],
     "model/friction.py": ["tests/model/test_friction.py"],
-    "model/diagnosis/verdict.py": WEIGHING,
-    "model/diagnosis/weighing.py": WEIGHING,
-    "model/diagnosis/several.py": [*WEIGHING, "tests/model/diagnosis/test_several.py"],
+    "model/diagnosis/posterior.py": DECISION,
+    "model/diagnosis/decide.py": DECISION,
+    "model/diagnosis/hypotheses.py": [
+        "tests/model/diagnosis/test_pairs.py",
+        "tests/model/diagnosis/test_unseen.py",
+        "tests/model/diagnosis/test_force_sensor.py",
+    ],
 }  # fmt: skip
 
 
