@@ -131,19 +131,6 @@ def unit_in(name: str) -> str:
     return "_".join(words[len(list(rest)) :])
 
 
-@pytest.mark.parametrize(
-    ("name", "unit"),
-    [
-        ("slew_rate_v_per_s", "v_per_s"),
-        ("admittance_s_sn_per_m2", "s_sn_per_m2"),
-        ("speed_scale_m_s", "m_s"),
-        ("share_at_rest", ""),
-    ],
-)
-def test_a_unit_is_found_at_the_end_of_a_name(name: str, unit: str) -> None:
-    assert unit_in(name) == unit
-
-
 @every_parameter
 class TestParameters:
     def test_the_unit_is_of_si_and_in_the_name(self, parameter: EffectParameter) -> None:
