@@ -102,7 +102,7 @@ rng = np.random.default_rng(7)
 f, v, n = np.exp(rng.uniform(0.0, np.log(1e6), 1000)), rng.uniform(0.0, 150.0, 1000), rng.uniform(0.1, 2.0, 1000)
 conditions = Conditions(f, v, n, speed_m_s=rng.uniform(1e-3, 0.2, 1000), time_s=rng.uniform(0.0, 600.0, 1000))
 all_weak = on(*((e, weak(e)) for e in CATALOGUE))
-touches = {e.name: TouchModel(on((e, 0.5))) for e in CATALOGUE} | {"all twenty": TouchModel(all_weak)}
+touches = {e.name: TouchModel(on((e, 0.5))) for e in CATALOGUE} | {"all of them": TouchModel(all_weak)}
 two = itertools.combinations(CATALOGUE, 2)
 plain = TouchModel(base)
 plain.predict(conditions)
@@ -140,7 +140,7 @@ def run() -> Iterator[Claim]:
         described = f"{said} with {what}, the slowest of {len(times)} ({name})"
         yield _against(described, slowest, one_s, WITH_EFFECTS)
         yield Claim(f"half of the surfaces with {what} take at most", _ms(sorted(times.values())[len(times) // 2]))
-    described = f"{said} with all twenty (attraction up to {told['attraction']:.1f} of the load)"
+    described = f"{said} with all of them (attraction up to {told['attraction']:.1f} of the load)"
     yield _against(described, told["all"], one_s, WITH_EFFECTS)
     yield _against("CPU of 1000 arbitrary conditions", told["predict"], few_s, PLAIN)
     name, slowest = max(told["predict with"].items(), key=lambda item: item[1])

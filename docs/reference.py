@@ -1,8 +1,10 @@
 """The reference pages of `docs/`, written from the program itself: `python docs/reference.py`.
 
-`configuration.md` comes from the records that read the files, `api.md` from the daemon's OpenAPI, `python.md` from
-`examples/`. What a key means in words stands in the comments of `configs/rigs/template.toml`, and in `docs/keys.toml`
-for what that file does not show. A test fails when a page is out of date. Needs a checkout, not only the package.
+`configuration.md` comes from the records that read the files, `api.md` from the daemon's OpenAPI,
+`python.md` from `examples/`, and one table of `investigation.md` from the effects. What a key means
+in words stands in the comments of `configs/rigs/template.toml`, and in `docs/keys.toml` for what
+that file does not show. A test fails when a page is out of date. Needs a checkout, not only the
+package.
 """
 
 from __future__ import annotations
@@ -26,11 +28,13 @@ from haptic_driver.experiments.study import StudyPlan
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.textures.description import Description
 from model.effects import CATALOGUE, EffectParameter
+from model.effects.interventions import INTERVENTIONS, removed
 from model.parameters import SPECIFICATION
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 GENERATED = "<!-- Written by `python docs/reference.py`. Change its source, not this page. -->"
+GENERATED_TABLE = GENERATED.replace("page", "table")
 
 Schema = dict[str, Any]
 
@@ -61,7 +65,12 @@ UNITS = {
 
 def pages() -> dict[str, str]:
     """The text of every generated page, by its name in `docs/`."""
-    return {"configuration.md": configuration_page(), "api.md": api_page(), "python.md": python_page()}
+    return {
+        "configuration.md": configuration_page(),
+        "api.md": api_page(),
+        "python.md": python_page(),
+        "investigation.md": investigation_page(),
+    }
 
 
 def configuration_page() -> str:
@@ -238,6 +247,18 @@ def _prior(parameter: EffectParameter) -> str:
     if parameter.scale == "log":
         return f"{parameter.median:g}, × {math.exp(parameter.std):.3g}"
     return f"{parameter.median:g} ± {parameter.std:g}"
+
+
+def investigation_page() -> str:
+    """The page as it stands, with its table of interventions as effects have it."""
+    page = (DOCS / "investigation.md").read_text(encoding="utf-8")
+    before, _, rest = page.partition(GENERATED_TABLE + "\n\n")
+    _, _, after = rest.partition("\n\n")
+    rows = ["| intervention | what to do | what is gone then |", "|---|---|---|"]
+    for known in INTERVENTIONS:
+        gone = ", ".join(f"`{name}`" for name in removed(known.name))
+        rows.append(f"| `{known.name}` | {_cell(known.todo)} | {gone} |")
+    return f"{before}{GENERATED_TABLE}\n\n" + "\n".join(rows) + f"\n\n{after}"
 
 
 def api_page() -> str:

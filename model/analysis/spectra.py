@@ -27,7 +27,6 @@ from model.touch_model import PreparedTouch, TouchModel, prepare
 
 SQUARE_HARMONICS = 25  # odd ones; what is left out carries 0.8 % of the mean square
 SAME_LINE_HZ = 1e-6
-ONE_TONE_ONLY = ("air_breakdown", "trapped_charge")  # they act on one amplitude, or add to one mean square
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ def force_spectrum(
 ) -> ForceSpectrum:
     """Every line of the force that `tones` exert under a load; ModelError where the contact pulls in.
 
-    Effects that know a drive only by one mean square are refused (`ONE_TONE_ONLY`).
+    Effects that know a drive only by one mean square are refused (`knows_one_tone_only`).
     """
     _, circuit = _one_touch(model, tones, normal_force_n, speed_m_s)
     field, mass = _field_per_v(model, circuit, _total_pressure_pa(model, circuit))
@@ -187,7 +186,7 @@ def _one_touch(
     if model.description.is_published:
         raise ModelError("the equations as printed know no drive but the sine", "Use a model of variant 'corrected'")
     for effect in model.description.effects:
-        if effect.name in ONE_TONE_ONLY:
+        if effect.knows_one_tone_only:
             raise ModelError(f"effect '{effect.name}' is not formulated for several tones", "Leave it out of the model")
     steady = tones.frequency_hz == 0.0
     drive = Drive(

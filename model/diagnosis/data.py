@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from model.conditions import FINGERS, WAVEFORMS, Conditions
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, VOLTAGE, WITNESSES, Witness, observed, stated_std
-from model.effects.interventions import BY_INTERVENTION, INTERVENTIONS, NOTHING
+from model.effects.interventions import BY_INTERVENTION, NOTHING, removed
 from model.support.arrays import Array, Mask
 from model.support.errors import ModelError, nearest
 from model.support.tables import Table, read_table
@@ -146,7 +146,7 @@ class Measurements:
         on = np.ones(self.count, bool) if self.effects_on is None else self.effects_on
         if self.intervention is None:
             return on
-        off = [done.name for done in INTERVENTIONS if name in done.removes]
+        off = [done for done in BY_INTERVENTION if name in removed(done)]
         return np.asarray(on & ~np.isin(self.intervention, off))
 
     @property

@@ -1,4 +1,7 @@
-"""Every effect the model may be missing, in the catalogue's order: the list that diagnosis tries."""
+"""Every effect the model may be missing: the list that diagnosis tries, in the order of the chain.
+
+A new effect is a file of its own and an entry in this list.
+"""
 
 from __future__ import annotations
 

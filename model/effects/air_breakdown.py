@@ -23,6 +23,7 @@ class AirBreakdown(Effect):
         "pulses of discharges are not modelled"
     )
     check = "sweep the voltage: friction rises linearly at the end; look for light and a smell of ozone"
+    knows_one_tone_only = True
 
     breakdown_field_v_per_m: float = log_parameter("V/m", 1e8, 3.5, (1e4, 1e12), off=float("inf"))
 

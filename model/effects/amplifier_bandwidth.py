@@ -28,6 +28,7 @@ class AmplifierBandwidth(Effect):
         "which lags, and the current with it: their ratio stays"
     )
     check = "measure the electrode at 1 kHz and 100 kHz with a high-impedance probe; swap the amplifier"
+    removed_by = ("other_amplifier",)
 
     # Two standard deviations: from 500 Hz, of piezo amplifiers under load, to 80 MHz, whose phase spectra still see.
     cutoff_hz: float = log_parameter("Hz", 2e5, 20.0, (1.0, 1e9), off=float("inf"))

@@ -56,6 +56,9 @@ class AmplifierSlewLimit(Effect):
         "lags, the current with it, and both have a third harmonic of up to a ninth"
     )
     check = "watch the electrode on an oscilloscope: the sine turns into a triangle at high f and V"
+    removed_by = ("other_amplifier",)
+    # An amplitude is clipped before or after it changes.
+    order_counts_with = ("amplifier_bandwidth", "drive_gain_error")
 
     slew_rate_v_per_s: float = log_parameter("V/s", 1e7, 8.0, (1e2, 1e12), off=float("inf"))
     sharpness: float = log_parameter("1", 10.0, 2.5, (1.0, 1e6), off=float("inf"), usual=float("inf"))

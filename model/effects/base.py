@@ -70,9 +70,12 @@ def _parameter(
 class Effect:
     """The null effect: every stage unchanged. Candidates derive from it.
 
-    `needs` names the optional data columns without which the effect leaves no trace; `signature` says what it looks
-    like in friction and in the electrode's voltage and current, `check` what a person can do at the rig to see
-    whether it is there.
+    `signature` says what it looks like in friction and in the electrode's voltage and current.
+    `check` says what a person can do at the rig to see whether it is there. `needs` names the
+    optional data columns without which the effect leaves no trace; `removed_by` the interventions
+    under which it is gone, see `interventions`. `order_counts_with` names effects that answer
+    otherwise before it than after it: the order of the catalogue decides. `knows_one_tone_only`
+    where its formula has no meaning for a drive of several tones.
     """
 
     name: ClassVar[str] = "none"
@@ -82,6 +85,9 @@ class Effect:
     signature: ClassVar[str] = "residuals without structure"
     check: ClassVar[str] = "repeat the measurement"
     needs: ClassVar[tuple[str, ...]] = ()
+    removed_by: ClassVar[tuple[str, ...]] = ()
+    order_counts_with: ClassVar[tuple[str, ...]] = ()
+    knows_one_tone_only: ClassVar[bool] = False
 
     @classmethod
     @cache

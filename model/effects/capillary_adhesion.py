@@ -18,6 +18,7 @@ class CapillaryAdhesion(Effect):
     physics = "capillary bridges add to the load"
     signature = "more friction at light load without voltage too; more current at light load, as under more load"
     check = "wipe the finger dry; measure friction without voltage against load"
+    removed_by = ("dry_air",)
 
     pressure_pa: float = log_parameter("Pa", 400.0, 3.0, (1e-3, 1e7), off=0.0)
 

@@ -20,6 +20,7 @@ class DriveGainError(Effect):
         "the current scale by it too, without a phase"
     )
     check = "measure the electrode at 100 Hz with a high-impedance probe; read OUTP:LOAD?"
+    removed_by = ("other_amplifier",)
 
     gain: float = log_parameter("1", 1.0, 1.35, (0.1, 10.0), off=1.0)
 

@@ -22,6 +22,7 @@ class ElectrodePolarization(Effect):
         "90 degrees that hardly changes"
     )
     check = "measure the impedance of the touch between 10 Hz and 1 kHz; wipe finger and screen dry"
+    removed_by = ("wipe",)
 
     transfer_resistance_ohm_m2: float = log_parameter("ohm m^2", 30.0, 8.0, (1e-6, 1e12), off=float("inf"))
     # Of the apparent area: a double layer has some 0.1 where it touches, and a finger touches with 1e-7 to 0.1 of that.

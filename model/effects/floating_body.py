@@ -22,6 +22,7 @@ class FloatingBody(Effect):
         "most at low frequency"
     )
     check = "put on a grounding strap"
+    removed_by = ("strap",)
 
     # Two standard deviations: from 14 pF, of a hand alone, to 18 nF, of a body on grounded things, which spectra see.
     body_capacitance_f: float = log_parameter("F", 5e-10, 6.0, (1e-14, 1e-2), off=float("inf"))

@@ -21,6 +21,7 @@ class HumidGapConduction(Effect):
         "less force at low frequency, most for wide gaps and light loads; there more current, in phase with the voltage"
     )
     check = "blow dry air over the screen; change the room's humidity"
+    removed_by = ("dry_air",)
 
     gap_conductivity_s_per_m: float = log_parameter("S/m", 3e-9, 10.0, (1e-16, 1e2), off=0.0)
 

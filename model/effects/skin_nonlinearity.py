@@ -33,6 +33,15 @@ class SkinNonlinearity(Effect):
         "falls"
     )
     check = "sweep the voltage at 10 Hz: friction rises less than with V^2"
+    # The skin's share of the voltage, before or after the rest changes.
+    order_counts_with = (
+        "series_resistance",
+        "floating_body",
+        "skin_hydration",
+        "johnsen_rahbek",
+        "humid_gap_conduction",
+        "sweat_film",
+    )
 
     voltage_scale_v: float = log_parameter("V", 4.0, 8.0, (1e-3, 1e9), off=float("inf"))
     gap_m: float = log_parameter("m", 7e-6, 2.0, (1e-9, 1e-3), off=7e-6)

@@ -30,6 +30,9 @@ class SweatFilm(Effect):
         "way, for columns in phase with the voltage"
     )
     check = "wipe the finger dry and repeat at once"
+    removed_by = ("wipe",)
+    # Sweat takes a share of air that conducts, or moist air one of sweat.
+    order_counts_with = ("humid_gap_conduction",)
 
     # A few columns in parallel with the air tell as much as a film through half of it.
     share: float = log_parameter("1", 0.02, 8.0, (1e-9, 0.95), off=0.0)

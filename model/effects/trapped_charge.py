@@ -24,6 +24,8 @@ class TrappedCharge(Effect):
         "attraction that remains without voltage; polarity of a bias matters; the current follows the pressure only"
     )
     check = "wipe the screen with a grounded damp cloth; reverse a steady voltage"
+    removed_by = ("discharge",)
+    knows_one_tone_only = True
 
     surface_voltage_v: float = log_parameter("V", 20.0, 2.5, (1e-3, 1e4), off=0.0)
     share_at_rest: float = linear_parameter("1", 0.5, 0.4, (0.0, 1.0), off=0.0)

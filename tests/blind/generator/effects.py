@@ -1,4 +1,4 @@
-"""The registry: twenty catalogue effects in catalogue order, and the strangers."""
+"""The registry: the effects that the catalogue knows, and the strangers."""
 
 from __future__ import annotations
 

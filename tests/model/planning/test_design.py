@@ -13,8 +13,7 @@ from model.description import read_model
 from model.diagnosis.data import Measurements, read_measurements
 from model.diagnosis.space import Predictor
 from model.diagnosis.workflow import diagnose
-from model.effects import BY_NAME, CATALOGUE
-from model.effects.interventions import INTERVENTIONS
+from model.effects import BY_NAME
 from model.parameters import Parameter
 from model.planning.design import Pool, design_for_unseen
 from model.planning.separation import APART
@@ -61,10 +60,6 @@ def test_two_effects_are_taken_away_each_by_its_own(tmp_path: Path) -> None:
 def test_an_unknown_intervention_is_refused(tmp_path: Path) -> None:
     with pytest.raises(Exception, match="line 2: intervention 'drying' is unknown"):
         read(tmp_path / "a.csv", HEADER, "50,75,0.5,0.6,0.01,drying", "50,75,0.5,0.6,0.01,")
-
-
-def test_what_interventions_remove_is_in_the_catalogue() -> None:
-    assert {name for known in INTERVENTIONS for name in known.removes} <= {kind.name for kind in CATALOGUE}
 
 
 def test_where_nothing_shows_it_is_looked_where_something_may_be_unseen(tmp_path: Path) -> None:
