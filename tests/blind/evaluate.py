@@ -1,7 +1,7 @@
-"""Score the diagnosis workflow, and two baselines, on sets whose labels it never sees.
+"""Score the diagnosis workflow, and others beside it, on sets whose labels it never sees.
 
 `python -m tests.blind.evaluate --sets DIR --out FILE.md` diagnoses DIR/sets/*.csv, opens DIR/labels.json only
-afterwards, and writes a table with Wilson intervals by visibility.
+afterwards, and writes tables with Wilson intervals: by visibility, and beside AICc, BIC and a classifier.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from .scores import Answer, bins, calibration_error, chance_error, reliability, wilson
+from .peers import peers_table
+from .scores import Answer, Guess, bins, calibration_error, chance_error, reliability, wilson
 from .witness_table import witness_table
 
 VISIBLE = ((0, 12), (12, 35), (35, 75), (75, 200), (200, math.inf))
@@ -213,6 +214,24 @@ def run(sets: Path, workers: int) -> dict[str, Answer]:
     return answers
 
 
+def guesses_of(sets: Path) -> tuple[dict[str, Guess], list[str]]:
+    """What a classifier says of the sets, labels closed, and notes on it; kept in DIR/classifier.json."""
+    kept = sets / "classifier.json"
+    if kept.exists():
+        said, notes = json.loads(kept.read_text())
+        return {name: Guess(*guess) for name, guess in said.items()}, notes
+    from model.description import read_model
+
+    from .classifier import classified
+
+    try:
+        guesses, notes = classified(read_model(MODEL), sorted((sets / "sets").glob("*.csv")))
+    except ImportError:
+        return {}, ["not asked: scikit-learn is not installed"]
+    kept.write_text(json.dumps([guesses, notes], indent=1))
+    return guesses, notes
+
+
 def _header(path: Path) -> tuple[str, ...]:
     with path.open() as lines:
         return tuple(next(lines).strip().split(","))
@@ -225,12 +244,14 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
     answers = run(given.sets, given.workers)
+    guesses, notes = guesses_of(given.sets)
     headers = {name: _header(given.sets / "sets" / name) for name in answers}
     labels = json.loads((given.sets / "labels.json").read_text())
     witnessed = {name: got for name, got in answers.items() if "witnesses" in labels[name]}
     friction = {name: got for name, got in answers.items() if name not in witnessed}
     text = table(friction, labels, headers) if friction else ""
     text += witness_table(witnessed, labels) if witnessed else ""
+    text += peers_table(answers, labels, guesses, notes)
     if given.out:
         given.out.write_text("# Diagnosis on blind data, as measured\n\n" + text)
     print(text)

@@ -64,7 +64,7 @@ finger = ["none", "resting", "sliding"]
 
 def finger_function(finger: Finger, rig: Rig, truth: Truth) -> Callable[..., Any]:
     """The generator's finger as design.md wants a function."""
-    needs = {hidden.effect.needs for hidden in truth}
+    needs = set[str]().union(*(hidden.needs for hidden in truth))
 
     @lru_cache(maxsize=512)
     def answer(frequency_hz: float, voltage_v: float, load_n: float, speed_m_s: float, time_s: float) -> Any:

@@ -7,6 +7,8 @@ import random
 from typing import Any, NamedTuple
 
 NO_TRACE = 2.0  # lambda below which an effect costs more to describe than it explains
+CLEAR = 75.0  # lambda from which an effect counts as clearly visible
+NONE = "none"  # what a method says that names nothing
 
 
 class Answer(NamedTuple):
@@ -22,6 +24,18 @@ class Answer(NamedTuple):
     error: str = ""
     adequate: bool = True
     bic: str = ""
+
+
+class Guess(NamedTuple):
+    """What a classifier says: the most probable name, or `none`, and its probability."""
+
+    name: str
+    probability: float
+
+
+def hidden(label: dict[str, Any]) -> set[str]:
+    """Names of what is hidden."""
+    return {effect["name"] for effect in label["effects"]}
 
 
 def wilson(hits: int, count: int) -> str:

@@ -5,7 +5,7 @@ import pytest
 
 from .generator import build, designs, nuisance, touch, witnesses
 from .generator.__main__ import csv_text
-from .generator.effects import CATALOGUE_EFFECTS
+from .generator.effects import ALTERNATIVE, CATALOGUE, CATALOGUE_EFFECTS, SECOND, SECOND_STRANGERS
 from .generator.electrode import Rig, observe, touch_admittance
 from .scores import Answer
 from .witness_table import is_wrong
@@ -80,14 +80,19 @@ def test_a_slewing_amplifier_makes_what_a_tracker_makes(slew):
     assert state.drive_phase[0] == pytest.approx(np.angle(last), abs=2e-3)
 
 
-@pytest.mark.parametrize("name", list(CATALOGUE_EFFECTS))
-def test_no_strength_leaves_every_witness_and_full_strength_some(name):
+@pytest.mark.parametrize(
+    ("effect", "form"),
+    [(e, form) for e in CATALOGUE_EFFECTS.values() for form in (ALTERNATIVE, SECOND)]
+    + [(e, CATALOGUE) for e in SECOND_STRANGERS.values()],
+    ids=lambda given: given if isinstance(given, str) else given.name,
+)
+def test_no_strength_leaves_every_witness_and_full_strength_some(effect, form):
     design = designs.witnesses(np.random.default_rng(1))
-    effect, finger, rig = CATALOGUE_EFFECTS[name], touch.Finger(), Rig()
-    hidden = witnesses.draw_hidden(np.random.default_rng(2), effect, "alternative").at(0.0)
+    finger, rig = touch.Finger(), Rig()
+    hidden = witnesses.draw_hidden(np.random.default_rng(2), effect, form).at(0.0)
     base = witnesses.stacked(observe(design, finger, rig, ()))
     off = witnesses.stacked(observe(design, finger, rig, (hidden,)))
-    on = witnesses.stacked(observe(design, finger, rig, (hidden.at(effect.knob[1]),)))
+    on = witnesses.stacked(observe(design, finger, rig, (hidden.at(hidden.knob[1]),)))
     assert all(np.array_equal(off[witness], base[witness], equal_nan=True) for witness in base)
     assert max(np.nanmax(np.abs(on[witness] - base[witness])) for witness in base) > 0.05
     assert all(np.array_equal(np.isfinite(on[witness]), np.isfinite(base[witness])) for witness in base)

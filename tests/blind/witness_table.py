@@ -5,16 +5,10 @@ from __future__ import annotations
 import statistics
 from typing import Any
 
-from .scores import Answer, calibration_error, chance_error, reliability, wilson
+from .scores import CLEAR, Answer, calibration_error, chance_error, hidden, reliability, wilson
 
-CLEAR = 75.0
 COLUMNS = {"friction": "friction only", "all": "all witnesses"}
 Part = list[tuple[dict[str, Any], Answer]]
-
-
-def hidden(label: dict[str, Any]) -> set[str]:
-    """Names of what is hidden."""
-    return {effect["name"] for effect in label["effects"]}
 
 
 def is_wrong(label: dict[str, Any], got: Answer) -> bool:
@@ -47,6 +41,7 @@ def _size(part: Part) -> str:
 def _column(part: Part, answers: dict[str, Answer], labels: dict[str, Any]) -> list[str]:
     null, single, double, strange = _families(part)
     clear = [(label, got) for label, got in single if label["effects"][0]["lambda"] >= CLEAR]
+    seen = [got for label, got in strange if label["effects"][0]["lambda"] >= CLEAR]
     pairs = reliability(answers, labels)
     mean, limit = chance_error(pairs)
     return [
@@ -58,6 +53,7 @@ def _column(part: Part, answers: dict[str, Answer], labels: dict[str, Any]) -> l
         _size(single),
         *_found(double),
         wilson(sum(got.verdict == "unexplained" for _, got in strange), len(strange)),
+        wilson(sum(got.verdict == "unexplained" for got in seen), len(seen)),
         wilson(sum(got.verdict == "effect_found" for _, got in strange), len(strange)),
         f"{calibration_error(pairs):.3f} (by chance {mean:.3f}, {limit:.3f} in one of twenty)",
     ]
@@ -75,6 +71,7 @@ ROWS = (
     "two effects both named",
     "the same, both named or in the groups",
     "strangers `unexplained`",
+    f"the same, of visible ones (lambda >= {CLEAR:g} in the witnesses used)",
     "strangers given a name",
     "calibration error of stated probabilities",
 )

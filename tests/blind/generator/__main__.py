@@ -1,4 +1,8 @@
-"""Write blind sets: python -m tests.blind.generator --out DIR --seed N --scale 0.1 [--families F0,F1] [--ci]."""
+"""Write blind sets: python -m tests.blind.generator --out DIR --seed N --scale 0.1 [--families F0,F1] [--ci].
+
+With --second: second alternatives and the second ten strangers alone. Where neither families nor counts are given,
+these are 240 sets: 120 fingers with all witnesses, and the same with friction alone.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from .build import BlindSet, Spec, build
-from .families import COUNTS, WITNESSES, ci_specs, specs
+from .families import COUNTS, SECOND_COUNTS, WITNESSES, anew, ci_specs, specs
 from .witnesses import build_pair
 
 CI_SEED = 20231
@@ -70,7 +74,8 @@ def _options(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--scale", type=float, default=0.1, help="share of the full counts")
     parser.add_argument("--families", default="", help="comma-separated, of " + ",".join(COUNTS))
     parser.add_argument("--counts", default="", help="exact numbers instead of --scale, as F0=15,F1=33")
-    parser.add_argument("--ci", action="store_true", help="the five fixed sets; seed, scale and families are ignored")
+    parser.add_argument("--second", action="store_true", help="second alternatives and strangers alone")
+    parser.add_argument("--ci", action="store_true", help="the five fixed sets; all but --out and --workers is ignored")
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     options = parser.parse_args(argv)
     named = [n.partition("=")[0] for n in f"{options.families},{options.counts}".split(",") if n]
@@ -87,7 +92,10 @@ def main(argv: list[str] | None = None) -> None:
     else:
         exact = {n: int(c) for n, _, c in (item.partition("=") for item in options.counts.split(",") if item)}
         families = tuple(n for n in options.families.split(",") if n)
+        if options.second and not families:
+            exact = exact or SECOND_COUNTS
         wanted = specs(seed, options.scale, families, exact or None)
+        wanted = [anew(spec) for spec in wanted] if options.second else wanted
     sets = generate(wanted, seed, options.workers)
     write(sets, options.out, seed)
     print(f"{len(sets)} sets in {options.out / 'sets'}")

@@ -8,7 +8,7 @@ import numpy as np
 
 from . import designs, noise, nuisance
 from .designs import Design
-from .effect import ALTERNATIVE, CATALOGUE, Effect, Hidden
+from .effect import ALTERNATIVE, CATALOGUE, Effect, Hidden, drawn
 from .effects import CATALOGUE_EFFECTS, STRANGERS
 from .rivals import lambda_of_rivals
 from .touch import Finger
@@ -18,7 +18,7 @@ WITH_LOAD = ("factorial", "timed", "six_sessions", "rich", "quiet_grid")
 WITH_SPEED = ("speed_sweep", "six_sessions", "rich")
 WITH_TIME = ("timed", "six_sessions", "rich", "quiet_grid")
 VANISHED = 0.15  # share of the electrostatic force below which a set is kept only for want of a better
-NEEDS_LOAD = {"load_dependent_friction", "capillary_adhesion", "sensor_crosstalk"}
+NEEDS_LOAD = {"load_dependent_friction", "capillary_adhesion", "sensor_crosstalk", "loaded_sensor_resonance"}
 NEEDS_MANY_FREQUENCIES = {"screen_resonance", "mains_interference"}
 
 
@@ -85,7 +85,7 @@ def _hide(rng: np.random.Generator, spec: Spec, sight: Visibility) -> tuple[tupl
     for name, target in spec.effects:
         effect = find(name)
         form = spec.form if name in CATALOGUE_EFFECTS else CATALOGUE
-        hidden, reached = sight.reach(Hidden(effect, 1.0, effect.draw(rng), form), target)
+        hidden, reached = sight.reach(drawn(effect, rng, form), target)
         out.append(hidden)
         seen.append(reached)
     return tuple(out), seen

@@ -58,7 +58,11 @@ class _Plan:
     def build(self, name: str, columns: tuple[str, ...], bad: bool = False) -> Design:
         table = np.concatenate([p[0] for p in self.parts])
         t, session, trial = (np.concatenate([p[i] for p in self.parts]) for i in (1, 2, 3))
-        rows = Rows(table[:, 0], table[:, 1], table[:, 2], table[:, 3], np.round(t, 1))
+        before = np.zeros(len(table))
+        for one in np.unique(session):
+            mine = np.flatnonzero(session == one)
+            before[mine[1:]] = table[mine[:-1], 1]
+        rows = Rows(*table.T, np.round(t, 1), before)
         return Design(name, rows, session, trial, columns, bad)
 
 
@@ -167,8 +171,7 @@ def witnesses(rng: Generator) -> Design:
 def friction_only(design: Design) -> Design:
     """The rows of friction alone, as a lab without monitors would have them."""
     keep = design.slides
-    rows = Rows(*(x[keep] for x in (design.rows.f, design.rows.v, design.rows.n, design.rows.speed, design.rows.time)))
-    return Design(design.name, rows, design.session[keep], design.trial[keep], design.columns)
+    return Design(design.name, design.rows.take(keep), design.session[keep], design.trial[keep], design.columns)
 
 
 def confounded(rng: Generator) -> Design:

@@ -19,9 +19,9 @@ def trapped_charge(state: State, knob: float, _shape: dict, alternative: bool) -
 def air_breakdown(state: State, knob: float, _shape: dict, alternative: bool) -> None:
     top = 1e9 / knob
     if alternative:
-        state.field_cap = lambda e: e / (1 + (e / top) ** 2) ** 0.5
+        state.field_cap = lambda e, _gap: e / (1 + (e / top) ** 2) ** 0.5
     else:
-        state.field_cap = lambda e: np.minimum(e, top)
+        state.field_cap = lambda e, _gap: np.minimum(e, top)
 
 
 def capillary_adhesion(state: State, knob: float, shape: dict, alternative: bool) -> None:

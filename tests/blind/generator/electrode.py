@@ -13,7 +13,7 @@ import numpy as np
 from .designs import NONE, RESTING, SLIDING, Design
 from .effect import Hidden
 from .nuisance import ROUGHNESS
-from .touch import STEADY_SPEED, Finger, Rows, State, electrostatic_pressure, friction, prepare, settled
+from .touch import Finger, Rows, State, electrostatic_pressure, friction, prepare, settled
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ def touch_admittance(state: State) -> np.ndarray:
     if state.field_cap is not None:  # where the air gives way the layers carry what it does not hold
         own = 1 / (stack.slope * stack.air + stack.length)
         field = np.abs(own) * np.maximum(state.drive, 1e-9)[:, None]
-        held = state.field_cap(field) / field
+        held = state.field_cap(field, stack.air) / field
         density = stack.gap / stack.length * (1 - held * own * stack.air)
-    return area * ((mass * density).sum(axis=1) + (1 - mass.sum(axis=1)) * contact)
+    return area * state.cover * ((mass * density).sum(axis=1) + (1 - mass.sum(axis=1)) * contact)
 
 
 def alone(rows: Rows, kind: int, finger: Finger, rig: Rig, hidden: tuple[Hidden, ...]) -> Observed:
@@ -71,24 +71,21 @@ def alone(rows: Rows, kind: int, finger: Finger, rig: Rig, hidden: tuple[Hidden,
         admittance = admittance + touch_admittance(state)
     nothing = np.full(rows.f.size, np.nan)
     cof = friction(state) if kind == SLIDING else nothing
-    return Observed(cof, voltage, np.where(rows.v > 0, admittance * voltage, np.nan))
+    current = admittance * voltage
+    for read in state.monitors:
+        voltage, current = read(state.rows, voltage, current)
+    return Observed(cof, voltage, np.where(rows.v > 0, current, np.nan))
 
 
 def observe(design: Design, finger: Finger, rig: Rig, hidden: tuple[Hidden, ...]) -> Observed:
     """Everything that a design's rows would show; each distinct condition is computed once."""
     live = tuple(h for h in hidden if h.strength > 0)
-    needs = {h.effect.needs for h in live}
-    rows = replace(
-        design.rows,
-        speed=design.rows.speed if "speed_m_s" in needs else np.full_like(design.rows.v, STEADY_SPEED),
-        time=design.rows.time if "time_s" in needs else 0 * design.rows.v,
-    )
+    rows = design.rows.seen_by(set().union(*(h.needs for h in live)))
     cof = np.full(rows.v.size, np.nan)
     voltage, current = cof.astype(complex), cof.astype(complex)
     for kind in np.unique(design.finger):
         mine = design.finger == kind
-        part = Rows(*(x[mine] for x in (rows.f, rows.v, rows.n, rows.speed, rows.time)))
-        distinct, back = part.unique()
+        distinct, back = rows.take(mine).unique()
         seen = alone(distinct, int(kind), finger, rig, live)
         cof[mine], voltage[mine], current[mine] = seen.cof[back], seen.voltage[back], seen.current[back]
     return Observed(np.where(design.slides, cof, np.nan), voltage, current)

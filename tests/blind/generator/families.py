@@ -1,15 +1,20 @@
-"""Families F0 to F10 of diagnosis.md section 7, W0 to W5 with the electrode's witnesses, and the fixed list for CI."""
+"""Families F0 to F10 of diagnosis.md section 7, W0 to W5 with the electrode's witnesses, and the fixed list for CI.
+
+Every family draws the first two forms of its effects and the first ten strangers; `anew` turns what it drew into the
+second alternatives and the second ten.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from . import noise
 from .build import ALTERNATIVE, CATALOGUE, Spec
 from .designs import BAD, GOOD
-from .effects import CATALOGUE_EFFECTS, STRANGERS
+from .effects import CATALOGUE_EFFECTS, FIRST_STRANGERS, SECOND, SECOND_STRANGERS, UNFELT
 
 COUNTS = {
     "F0": 300, "F1": 960, "F2": 100, "F3": 1000, "F4": 300, "F5": 200,
@@ -17,8 +22,9 @@ COUNTS = {
     "W0": 150, "W1": 400, "W4": 100, "W5": 150,
 }  # fmt: skip
 NAMES = tuple(CATALOGUE_EFFECTS)
-OUTSIDE = tuple(STRANGERS)
+OUTSIDE = tuple(FIRST_STRANGERS)
 WITNESSES = "witnesses"  # the design of the families W
+SECOND_COUNTS = {"W0": 18, "W1": 60, "W4": 22, "W5": 20}  # each effect three times, each stranger at least twice
 CLEAR_LEVELS = (100.0, 300.0, 1000.0)
 LEVELS = (9.0, 16.0, 25.0, 50.0, 100.0, 400.0)
 # truth, and a design on which physics.md or a first look says it hides behind another effect
@@ -154,6 +160,19 @@ def specs(seed: int, scale: float, families: tuple[str, ...] = (), counts: dict[
         for name, count in wanted.items()
         for i in range(count)
     ]
+
+
+def anew(spec: Spec) -> Spec:
+    """The same set with the second alternative of every effect, and a stranger of the second ten.
+
+    Where friction is all there is, a stranger leaves its trace there.
+    """
+    strange = tuple(n for n in SECOND_STRANGERS if spec.design == WITNESSES or n not in UNFELT)
+    effects = tuple(
+        (_cycle(strange, OUTSIDE.index(name)) if name in OUTSIDE else name, level) for name, level in spec.effects
+    )
+    is_strange = any(name in SECOND_STRANGERS for name, _ in effects)
+    return replace(spec, effects=effects, form=CATALOGUE if is_strange else SECOND)
 
 
 def ci_specs() -> list[Spec]:

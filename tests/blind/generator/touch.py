@@ -45,17 +45,34 @@ class Finger:
 
 @dataclass
 class Rows:
-    """Conditions, one entry per row. Speed and time are always there for the physics, recorded or not."""
+    """Conditions, one entry per row. Speed and time are always there for the physics, recorded or not.
+
+    `before` is the voltage of the row that was measured before in the session; without it nothing was.
+    """
 
     f: np.ndarray
     v: np.ndarray
     n: np.ndarray
     speed: np.ndarray
     time: np.ndarray
+    before: np.ndarray | None = None
+
+    def take(self, which: np.ndarray) -> Rows:
+        """Some of the rows."""
+        return Rows(*(None if column is None else column[which] for column in vars(self).values()))
+
+    def seen_by(self, needs: set[str]) -> Rows:
+        """What effects that need these columns see: a steady speed, no time and nothing before where none does."""
+        return replace(
+            self,
+            speed=self.speed if "speed_m_s" in needs else np.full_like(self.v, STEADY_SPEED),
+            time=self.time if "time_s" in needs else np.zeros_like(self.v),
+            before=self.before if "before" in needs else None,
+        )
 
     def unique(self) -> tuple[Rows, np.ndarray]:
         """Distinct conditions and the index that spreads them over the rows again."""
-        table = np.column_stack([self.f, self.v, self.n, self.speed, self.time])
+        table = np.column_stack([column for column in vars(self).values() if column is not None])
         distinct, back = np.unique(table, axis=0, return_inverse=True)
         return Rows(*distinct.T), back.ravel()
 
@@ -105,10 +122,12 @@ class State:
     skin_stack: Callable | None = None  # k_skin -> complex length, replaces skin/k_skin
     film: Callable | None = None  # gap (m) -> thickness of liquid in it (m)
     k_film: np.ndarray | None = None
-    field_cap: Callable | None = None  # |E| -> |E|
+    field_cap: Callable | None = None  # |E|, air gap (m) -> |E|
     skin_law: Callable | None = None  # V over the skin -> factor on its conductivity
     load_law: Callable = _straight  # (applied, extra force) -> friction relative to mu_off
+    cover: np.ndarray | float = 1.0  # share of the contact that lies over the electrode
     after: list = field(default_factory=list)  # (rows, cof, force) -> cof, measuring chain
+    monitors: list = field(default_factory=list)  # (rows, voltage, current) -> both as the monitors read them
 
     @property
     def omega(self) -> np.ndarray:
@@ -201,7 +220,7 @@ def _electric_pressure(state: State, pressure: np.ndarray) -> np.ndarray:
     mass, stack = settled(state, pressure)
     square = stack.field_square()
     if state.field_cap is not None:
-        peak = state.field_cap(np.sqrt(square) * state.drive[:, None])
+        peak = state.field_cap(np.sqrt(square) * state.drive[:, None], stack.air)
         return VACUUM / 4 * (mass * peak**2).sum(axis=1)
     return VACUUM / 2 * (0.5 * state.drive**2 + state.bias_square) * (mass * square).sum(axis=1)
 
@@ -227,7 +246,7 @@ def electrostatic_pressure(state: State) -> np.ndarray:
 def force(state: State) -> np.ndarray:
     """Electrostatic force, N."""
     active = (state.drive > 0) | (state.bias_square > 0)
-    return np.where(active, electrostatic_pressure(state), 0.0) * state.finger.area
+    return np.where(active, electrostatic_pressure(state), 0.0) * state.finger.area * state.cover
 
 
 def friction(state: State) -> np.ndarray:

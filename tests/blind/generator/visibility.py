@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from .designs import Design
 from .effect import Hidden
 from .nuisance import PRIOR_SD, REFERENCE, ROUGHNESS, SESSION_GAIN_SD
-from .touch import STEADY_SPEED, Finger, Rows, base_friction, force, friction, prepare
+from .touch import Finger, Rows, base_friction, force, friction, prepare
 
 
 def clean_friction(design: Design, finger: Finger, hidden: tuple[Hidden, ...]) -> np.ndarray:
@@ -36,16 +36,8 @@ def clean_friction(design: Design, finger: Finger, hidden: tuple[Hidden, ...]) -
 
 def with_effects(rows: Rows, finger: Finger, hidden: tuple[Hidden, ...]) -> np.ndarray:
     """Friction with the effects acting together on every row."""
-    needs = {h.effect.needs for h in hidden}
-    zero = np.zeros_like(rows.v)
-    slim = Rows(
-        np.where(rows.v > 0, rows.f, 0.0),
-        rows.v,
-        rows.n,
-        rows.speed if "speed_m_s" in needs else zero + STEADY_SPEED,
-        rows.time if "time_s" in needs else zero,
-    )
-    distinct, back = slim.unique()
+    seen = rows.seen_by(set().union(*(h.needs for h in hidden)))
+    distinct, back = replace(seen, f=np.where(rows.v > 0, rows.f, 0.0)).unique()
     state = prepare(distinct, finger, ROUGHNESS)
     for h in hidden:
         h.act(state)
@@ -54,9 +46,7 @@ def with_effects(rows: Rows, finger: Finger, hidden: tuple[Hidden, ...]) -> np.n
 
 def force_left(design: Design, finger: Finger, hidden: tuple[Hidden, ...]) -> float:
     """Median share of the electrostatic force that the effects leave on the rows with voltage."""
-    live = design.rows.v > 0
-    rows = Rows(*(x[live] for x in (design.rows.f, design.rows.v, design.rows.n, design.rows.speed, design.rows.time)))
-    state = prepare(rows, finger, ROUGHNESS)
+    state = prepare(design.rows.take(design.rows.v > 0), finger, ROUGHNESS)
     base = force(state)
     for h in hidden:
         h.act(state)
@@ -128,7 +118,7 @@ class Search:
 
         Only the visibility of `hidden` alone is aimed at, whatever else is present in truth.
         """
-        low, high = hidden.effect.knob
+        low, high = hidden.knob
         ladder = np.geomspace(low, high, 13)
         best, below = (hidden.at(ladder[0]), self.of((hidden.at(ladder[0]),))), 1e-3 * ladder[0]
         for strength in ladder:

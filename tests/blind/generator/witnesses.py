@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from . import designs, nuisance
 from .build import BlindSet, Spec, find
 from .designs import Design
-from .effect import Effect, Hidden
+from .effect import Effect, Hidden, drawn
 from .effects import STRANGERS
 from .effects_electric import EFFECTS as ELECTRIC
 from .electrode import Observed, Rig, observe
@@ -60,7 +60,7 @@ def draw_rig(rng: np.random.Generator) -> Rig:
 def draw_hidden(rng: np.random.Generator, effect: Effect, form: str) -> Hidden:
     """An effect whose shape is off by 5 to 20 % over the decades, where it is one of drive, layers or gap."""
     bend = (float(rng.uniform(0.05, 0.2)), float(rng.uniform(0.0, 2 * np.pi)))
-    return Hidden(effect, 1.0, effect.draw(rng), form, bend=bend if effect.name in BENDABLE else (0.0, 0.0))
+    return replace(drawn(effect, rng, form), bend=bend if effect.name in BENDABLE else (0.0, 0.0))
 
 
 def stacked(seen: Observed) -> dict[str, np.ndarray]:
