@@ -136,7 +136,8 @@ def test_it_is_named_where_it_is_hidden(done: Path) -> None:
 def test_it_is_on_the_pages_of_the_docs(folder: Path) -> None:
     pages = python(folder, PAGES).splitlines()
     physics = "a film of sweat is sheared where the skin slides fast, and pressed out where not"
-    assert f"| `{NAME}` | `rise` | 0.0001 to 100 | 1 | 0 | {physics} |" in pages
+    prior = "0.3, × 3"
+    assert f"| `{NAME}` | `rise` | 0.0001 to 100 | {prior} | 1 | 0 | {physics} |" in pages
     assert any(re.match(rf"\| `wipe` \| .*`{NAME}`", line) for line in pages)
 
 
