@@ -212,7 +212,15 @@ class TouchModel:
     def cof_at_speeds(self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: Array) -> Array:
         """Friction [f, s, v, n] of a `surface` at each speed [s] and time 0."""
         f, v, speed = frequency_hz[:, None, None, None], voltage_v[:, None], speed_m_s[:, None, None]
-        return self.answer(sines(f, v, normal_force_n, speed, 0.0)).cof
+        drive = sines(f, v, normal_force_n, speed, 0.0)
+        touch = self._prepare(drive)
+        return self._cof(drive, touch, self._attraction(drive, touch))
+
+    def pulled_in_at(self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: float) -> Mask:
+        """Whether the contact pulls in, at each point of a `surface` of this speed [f, v, n]."""
+        drive = sines(frequency_hz[:, None, None], voltage_v[:, None], normal_force_n, speed_m_s, 0.0)
+        touch = self._prepare(drive)
+        return self._attraction(drive, touch).pulled_in.reshape(touch.shape)
 
     def answer(self, drive: Drive) -> Prediction:
         """Force, friction and current, in the shape to which the drive and the effects broadcast."""

@@ -178,7 +178,7 @@ def _pulled_in_at_other_speeds(touch: TouchModel, f: Array, v: Array, n: Array) 
     """Where the contact pulls in at a speed at which a finger may be, though not at the usual one."""
     if not needs(touch.description, "speed_m_s"):
         return False
-    found = [touch.surface(f, v, n, speed).pulled_in for speed in CORRECTION_SPEEDS_M_S[[0, -1]]]
+    found = [touch.pulled_in_at(f, v, n, speed) for speed in CORRECTION_SPEEDS_M_S[[0, -1]].tolist()]
     return np.asarray(found[0] | found[1])
 
 
