@@ -75,8 +75,8 @@ class Evidences(NamedTuple):
     """log evidence of every hypothesis about one data set.
 
     `alone`: of none, of each effect that can be tested, and of the pairs that were fitted, by names.
-    `unseen`: of that part of an effect's prior that leaves no trace. `beside`: of none and of the
-    best single effect with a discrepancy of unknown shape. `outside`: of what is not of the touch.
+    `unseen`: of that part of an effect's prior that leaves no trace. `beside`: of none, of the best
+    single effect and of the best pair with a discrepancy of unknown shape. `outside`: of what is not of the touch.
     """
 
     alone: dict[tuple[str, ...], float]
@@ -98,9 +98,10 @@ class Hypotheses:
     outside: dict[str, float]
 
     @property
-    def best(self) -> Candidate:
-        """The single effect with the most evidence."""
-        return max(self.singles, key=_evidence)
+    def _leading(self) -> list[Candidate]:
+        """Of no effect, of one and of two that with the most evidence."""
+        of_each = ([self.base], self.singles, self.pairs)
+        return [max(models, key=_evidence) for models in of_each if models]
 
     def of(self, names: tuple[str, ...]) -> Candidate:
         """The model with just these effects, in any order."""
@@ -114,7 +115,7 @@ class Hypotheses:
             {c.names: _evidence(c) for c in (self.base, *self.singles, *self.pairs)},
             self.untestable,
             self.hidden,
-            {c.names: c.beside_discrepancy.log_evidence for c in (self.base, self.best)},
+            {c.names: c.beside_discrepancy.log_evidence for c in self._leading},
             self.outside,
         )
 

@@ -74,8 +74,8 @@ class Posterior:
 def posterior(found: Evidences) -> Posterior:
     """Priors times evidences.
 
-    A pair has both priors. Something unknown may stand alone or beside the best effect. An effect
-    too weak to leave a trace counts as none; one that no column could show keeps its prior.
+    A pair has both priors. Something unknown may stand alone, or beside the best effect or pair. An
+    effect too weak to leave a trace counts as none; one that no column could show keeps its prior.
     """
     count = len(found.untestable) + sum(len(names) == 1 for names in found.alone) - 1
     each = np.log(PRIOR_EFFECTS / count)

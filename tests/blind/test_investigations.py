@@ -26,5 +26,5 @@ def test_an_open_circuit_one_percent_off_is_no_discrepancy(few: Plan) -> None:
     finger, rig, truth = truth_of(spec, SEED)
     assert (truth, abs(rig.open_error) > 0.005) == ((), True)
     got = asked([], finger_function(finger, rig, truth), few, 0)
-    # It looks for what the plan could not see.
-    assert (got["outcome"], got["rounds"]) == ("nothing_missing", ROUNDS)
+    assert got["outcome"] == "nothing_missing"
+    assert 1 < got["rounds"] <= ROUNDS  # it looks for what the plan could not see

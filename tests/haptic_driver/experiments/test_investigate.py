@@ -81,7 +81,7 @@ def test_what_settings_cannot_tell_apart_an_intervention_does(found: tuple[Inves
     (effect,) = investigation.diagnosis["effects"]
     assert effect["name"] == "sweat_film"
     alike = {"humid_gap_conduction", "sweat_film"}  # columns of sweat conduct as humid air does
-    assert set(investigation.history[0]["suspects"][:2]) == alike
+    assert alike in [set(told["suspects"][:2]) for told in investigation.history]
     done = {setting.intervention for setting in investigation.settings}
     assert done & {"wipe", "dry_air"}
 
