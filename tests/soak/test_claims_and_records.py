@@ -86,6 +86,7 @@ def test_who_deletes_a_running_recording_loses_nothing(served: Served, tmp_path:
         for number in range(ROUNDS):
             path = tmp_path / f"folder {number}" / "run.h5"
             path.parent.mkdir()
+            before = client.status().overruns
             client.record(path)
             for _ in range(chance.randint(1, 3)):
                 until(path.exists)
@@ -93,7 +94,8 @@ def test_who_deletes_a_running_recording_loses_nothing(served: Served, tmp_path:
                 until(path.exists)
                 chance.choice(MEDDLING)(path)
             time.sleep(chance.uniform(0.0, 1.0))
-            client.record(None)
+            missed = client.record(None).overruns - before
             run = read_run(path)
             assert run.attributes["complete"] is True
-            assert np.all(np.diff(run.samples["tick"].astype(np.int64)) == 1)
+            gaps = np.diff(run.samples["tick"].astype(np.int64)) - 1
+            assert gaps.sum() <= missed  # instants that render missed are no samples
